@@ -124,7 +124,7 @@ class ConstraintOptions:
     def constraints(self) -> "Constraints":
         """The same for the library, in SI; UsageError for what is no number or no box."""
         from calibtool.planning.constraints import Constraints
-        from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+        from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
         distance = self.min_singularity_distance
         return Constraints(

@@ -84,15 +84,9 @@ class ActualRobot:
         """The geometry as a new Pinocchio model with joint limits.
 
         `mechanism.configuration` computes its coordinates. Errors that depend on joint positions or
-        on time (gear, gravity, backlash) are not included: see `joint_motion`.
+        on time (gear, gravity, backlash) are not included: see `forward`.
         """
         return self.mechanism.as_model(self.robot.lower, self.robot.upper)
-
-    def joint_motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Joint motion errors δq(q) (N, n) without the constant offsets; q and conditions as in
-        `forward`.
-        """
-        return self.errors.motion(q, self.driven_to(q, conditions))
 
     def directions(self, q: Array) -> Array:
         """Directions (N, n) of each joint's last motion when driven through q (N, n) in order, from

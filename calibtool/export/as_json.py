@@ -17,9 +17,9 @@ from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
+from calibtool.robot.singularity import GRAM_REGULARISATION
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 3
 

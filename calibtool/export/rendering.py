@@ -19,10 +19,10 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import printable
 from calibtool.export.layers import layers
 from calibtool.robot.coupling import JointValues, coupling_text
-from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import GRAM_REGULARISATION
 
 Precision = Literal["double", "single"]
 

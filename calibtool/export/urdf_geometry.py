@@ -9,10 +9,10 @@ from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
+from calibtool.robot.singularity import at_point, scale_rows
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)
 

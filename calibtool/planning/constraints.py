@@ -14,9 +14,9 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.instrument_rows import InstrumentRows, Rows
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 JOINT_MARGIN = 0.05  # of the range of a joint, kept free at either end

@@ -172,8 +172,8 @@ class Knowledge:
         columns = np.zeros((*seen.shape[:2], self.parameters.count))
         columns[..., : poses.shape[-1]] = seen @ poses
         flat, frames = columns.reshape(-1, columns.shape[-1]), free.reshape(-1, free.shape[-1])
-        left = flat - frames @ np.linalg.lstsq(frames, flat, rcond=1e-10)[0]
-        result: Array = left.reshape(columns.shape) * self.prior_std
+        unexplained = flat - frames @ np.linalg.lstsq(frames, flat, rcond=1e-10)[0]
+        result: Array = unexplained.reshape(columns.shape) * self.prior_std
         return result
 
     def target_deviation(self, q: Array) -> Array:

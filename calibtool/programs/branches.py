@@ -145,20 +145,6 @@ def _solve(
     return Answers(q, why, obeyed)
 
 
-def solve_pose(
-    controller: Controller,
-    T_base_tool: Array,
-    configuration: Configuration | None,
-    q_near: Array | None,
-) -> Array | str:
-    """`solve` for one pose (4, 4): joint positions (n,), or why there are none."""
-    near = controller.home if q_near is None else q_near
-    strict = np.ones(1, dtype=bool)
-    answers = solve(controller, T_base_tool[None], near[None], [configuration], strict)
-    row: Array = answers.q[0]
-    return answers.why[0] or row
-
-
 @dataclass(eq=False)
 class _Search:
     """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the

@@ -1,6 +1,6 @@
 """The languages of programs, and detection of the language of a file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -45,11 +45,6 @@ def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Pro
     """The positions and motions of a program in the language called `name`."""
     program: Program = _MODULES[name].program(sources, robot)
     return program
-
-
-def reader(name: str) -> Callable[[str, Robot], Program]:
-    """The same for programs of one text."""
-    return lambda text, robot: read_program(name, [ProgramText("program", text)], robot)
 
 
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:

@@ -12,11 +12,11 @@ import pinocchio as pin
 
 from calibtool.robot.closure import Closure, closure
 from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
 from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
+from calibtool.robot.singularity import at_point
 
 _STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
 _TOGETHER = 1024  # rows: their numbers stay in the processor's cache

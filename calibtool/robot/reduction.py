@@ -129,11 +129,11 @@ def _rank(matrix: Array) -> int:
 
 def _independent(columns: Array, rank: int) -> set[int]:
     """`rank` independent rows of (m, p), by pivoting, the first of nearly equal ones."""
-    left, kept = columns.copy(), set[int]()
+    remaining, kept = columns.copy(), set[int]()
     while len(kept) < rank:
-        sizes = np.linalg.norm(left, axis=1)
+        sizes = np.linalg.norm(remaining, axis=1)
         best = int(np.flatnonzero(sizes > 0.999 * sizes.max())[0])
-        direction = left[best] / sizes[best]
-        left -= np.outer(left @ direction, direction)
+        direction = remaining[best] / sizes[best]
+        remaining -= np.outer(remaining @ direction, direction)
         kept.add(best)
     return kept

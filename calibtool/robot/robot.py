@@ -12,13 +12,13 @@ from calibtool.robot.chain import NO_LIMITS, SerialChain
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
-from calibtool.robot.damped_least_squares import (
+from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     singularity_distance,
 )
-from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.source import Source
 from calibtool.robot.tree import UNBOUNDED
 from calibtool.robot.workspace import Workspace

@@ -122,8 +122,9 @@ def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zero
         return linearised(points, state[1], T, columns, targets=True)
 
     def solve(system: tuple[Array, Array], _: float) -> tuple[Array, bool]:
-        columns, left = system
-        step = np.linalg.lstsq(columns.reshape(-1, columns.shape[-1]), left.ravel(), rcond=1e-6)[0]
+        columns, residual = system
+        flat = columns.reshape(-1, columns.shape[-1])
+        step = np.linalg.lstsq(flat, residual.ravel(), rcond=1e-6)[0]
         return step.astype(float), bool(np.abs(step).max() < 1e-8)
 
     def move(state: tuple[Array, Setup], step: Array) -> tuple[Array, Setup]:
@@ -132,12 +133,12 @@ def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zero
         return moved, update_setup(state[1], step[k : k + 6], step[k + 6 :])
 
     def cost(state: tuple[Array, Setup]) -> float:
-        return float((_left(points, state) ** 2).sum())
+        return float((_residual(points, state) ** 2).sum())
 
     state, _, _ = gauss_newton((offsets, first.setup), linearise, solve, move, _ITERATIONS, cost)
     rms = float(np.sqrt(cost(state) / points.seen.sum())) * points.noise_position
     return Zeros(measurements, state[0], rms if np.isfinite(first.rms) else np.inf)
 
 
-def _left(points: Measurements, state: tuple[Array, Setup]) -> Array:
+def _residual(points: Measurements, state: tuple[Array, Setup]) -> Array:
     return weighted_residuals(points, state[1], points.robot.mechanism.forward(points.q + state[0]))

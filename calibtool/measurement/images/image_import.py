@@ -206,20 +206,16 @@ def _measurements(
     """Corners (N, m, 2) at q (N, n) as measurements, with the set-up to be registered."""
     distance = float(np.median(lens.T_camera_board[:, 2, 3]))
     scale = distance / lens.intrinsics[0]
-    one = readonly(np.eye(4)[None])
-    carried = {
-        "tool": {"T_tool_camera": readonly(np.eye(4)), "T_base_boards": one},
-        "beside": {"T_tool_board": readonly(np.eye(4)), "T_base_cameras": one},
+    on_tool, in_cell = {
+        "tool": ("T_tool_camera", "T_base_boards"),
+        "beside": ("T_tool_board", "T_base_cameras"),
     }[camera]
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        intrinsics=readonly(lens.intrinsics),
-        corners=readonly(board.corners),
-        image_scale=readonly([scale]),
-        **carried,  # type: ignore[arg-type]
+    setup = Setup.unknown(
+        np.zeros((1, 3)),
+        intrinsics=lens.intrinsics,
+        corners=board.corners,
+        image_scale=np.array([scale]),
+        **{on_tool: np.eye(4), in_cell: np.eye(4)[None]},
     )
     return Measurements(
         robot=robot,

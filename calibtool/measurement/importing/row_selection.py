@@ -42,14 +42,14 @@ def select_rows(
     return measurements.rows(chosen), measurements.rows(rest)
 
 
-def line_ranges(lines: list[int], most: int = 200) -> str:
-    """Line numbers for a message, neighbours joined, at most so many ranges: '3, 7-9, 12'."""
+def line_ranges(lines: list[int]) -> str:
+    """Line numbers for a message, neighbours joined, at most 200 ranges: '3, 7-9, 12'."""
     ranges: list[list[int]] = []
     for line in lines:
         if ranges and line == ranges[-1][1] + 1:
             ranges[-1][1] = line
         else:
             ranges.append([line, line])
-    texts = [str(first) if first == last else f"{first}-{last}" for first, last in ranges[:most]]
-    more = sum(last - first + 1 for first, last in ranges[most:])
+    texts = [str(first) if first == last else f"{first}-{last}" for first, last in ranges[:200]]
+    more = sum(last - first + 1 for first, last in ranges[200:])
     return ", ".join(texts) + (f" and {more} more lines" if more else "")

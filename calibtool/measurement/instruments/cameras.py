@@ -32,13 +32,8 @@ def camera_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator
         q.append(own)
         poses.append(_noisy(seen, rng))
         boards.append(T_base_board)
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        T_tool_camera=readonly(T_tool_camera),
-        T_base_boards=readonly(np.array(boards)),
+    setup = Setup.unknown(
+        np.zeros((1, 3)), T_tool_camera=T_tool_camera, T_base_boards=np.array(boards)
     )
     return _board_poses(setup, q, poses, labels("board", places))
 

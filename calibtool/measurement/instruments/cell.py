@@ -10,10 +10,10 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.setup import Setup
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, transform_points
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool

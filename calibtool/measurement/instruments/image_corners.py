@@ -7,7 +7,7 @@ from calibtool.measurement.instruments.cell import Cell, Observed, labels, share
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.kinds.projection import project
 from calibtool.measurement.setup import Setup
-from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, inverse, transform_points
 
 LENS = np.array([1400.0, 1400.0, 800.0, 600.0, -0.11, 0.08, 4e-4, -3e-4, -0.02])  # px and 1
 SIZE = (1600, 1200)  # px
@@ -77,15 +77,12 @@ def _observed(
     pixels = pixels + rng.normal(size=pixels.shape) * PIXEL_NOISE
     place = np.repeat(np.arange(len(q)), [len(part) for part in q])
     scale = _MIDDLE / LENS[0]
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        intrinsics=readonly(LENS),
-        corners=readonly(BOARD.corners),
-        image_scale=readonly([scale]),
-        **{name: readonly(array) for name, array in arrays.items()},  # type: ignore[arg-type]
+    setup = Setup.unknown(
+        np.zeros((1, 3)),
+        intrinsics=LENS,
+        corners=BOARD.corners,
+        image_scale=np.array([scale]),
+        **arrays,
     )
     readings = Readings(
         np.full((len(pixels), 1, 3), np.nan),

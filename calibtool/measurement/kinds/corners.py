@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibtool.measurement.kinds.instrument import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.kinds.kind import Kind, Readings, of_place, places_of
 from calibtool.measurement.kinds.projection import (
     LENS,
     by_lens,
@@ -61,8 +61,8 @@ class Corners(Kind):
         assert readings.values is not None
         _, _, corners = self._in_camera(setup, T_base_tool, readings.place)
         pixels = project(corners, _array(setup, "intrinsics")).reshape(len(corners), -1)
-        left: Array = np.nan_to_num((readings.values - pixels) * _scale(setup))
-        return left
+        residual: Array = np.nan_to_num((readings.values - pixels) * _scale(setup))
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         camera, _, corners = self._in_camera(setup, T_base_tool, place)
@@ -74,7 +74,7 @@ class Corners(Kind):
         camera, board, corners = self._in_camera(setup, T_base_tool, place)
         by_twist = self._by_twist(setup, corners)
         of = {"camera": -by_twist, "board": by_twist @ adjoint(inverse(camera) @ board)}
-        own = np.zeros(len(corners), dtype=int) if place is None else place
+        own = places_of(place, len(corners))
         places = range(len(_array(setup, self.in_cell)))
         standing = [of[self.standing] * (own == g)[:, None, None] for g in places]
         lens = by_lens(corners, _array(setup, "intrinsics")) * _scale(setup)
@@ -117,9 +117,9 @@ class Corners(Kind):
         assert readings.values is not None
         camera, _, corners = self._in_camera(setup, T_base_tool, readings.place)
         intrinsics = _array(setup, "intrinsics")
-        left = readings.values.reshape(len(corners), -1, 2) - project(corners, intrinsics)
+        residual = readings.values.reshape(len(corners), -1, 2) - project(corners, intrinsics)
         across = np.zeros_like(corners)
-        across[..., :2] = np.nan_to_num(left) / intrinsics[:2] * corners[..., 2:]
+        across[..., :2] = np.nan_to_num(residual) / intrinsics[:2] * corners[..., 2:]
         found: Array = across @ np.swapaxes(camera[:, :3, :3], -1, -2)
         return found if self.standing == "camera" else -found
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, of_place
+from calibtool.measurement.kinds.kind import Kind, of_place, places_of
 from calibtool.robot.se3 import Array, exp6, readonly
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class InstrumentKind(Kind):
             blocks.append(turned.reshape(count, d, d))
         if _further(setup):
             matrix = self.matrix(setup, T_base_tool)
-            own = np.zeros(count, dtype=int) if place is None else place
+            own = places_of(place, count)
             blocks += [matrix * (own == g + 1)[:, None, None] for g in range(_further(setup))]
         return np.concatenate(blocks, axis=-1)
 
