@@ -1,4 +1,4 @@
-"""Set-up of a measurement: the instrument's place and what it looks at on the tool."""
+"""Set-up of a measurement: the pose of the instrument and its targets on the tool."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

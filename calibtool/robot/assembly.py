@@ -26,7 +26,7 @@ def closed_configuration(
 ) -> Array:
     """The closed configuration (J,) next to the given one, with the actuated joints as given.
 
-    Raises InputError if it is not next to it.
+    Raises InputError where there is none next to it.
     """
     start = tree.closed_at.copy()
     for follower in tree.followers:
@@ -58,11 +58,11 @@ def closed_configuration(
 
 
 def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
-    """A closed configuration (J,) where nobody chose one; None where none is found.
+    """A closed configuration (J,) where the description states none; None where none is found.
 
-    The one next to `closed_at` with the actuated joints there; else with all joints free, from
-    there and from random starts ever farther away, inside of the limits of the actuated joints.
-    One at which these hold the passive joints is taken before any other.
+    First the one next to `closed_at` with the actuated joints fixed; then, with all joints free,
+    from there and from random starts at increasing distance, inside the limits of the actuated
+    joints. A configuration at which the actuated joints determine the passive ones is preferred.
     """
     rng, n, found = np.random.default_rng(0), tree.n, None
     low, high = (
@@ -118,7 +118,7 @@ def _equations(mechanism: ClosedMechanism, theta: Array) -> Closure:
 
 
 def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
-    """The loop that is farthest from closed at θ (J,), and by how much, in words."""
+    """The loop with the largest opening at θ (J,), and the opening, in words."""
     at = _equations(mechanism, theta)
     r = at.residual[0]
     sizes = [float(np.abs((r * tree.row_scale)[rows]).max()) for rows in tree.row_blocks]
@@ -133,8 +133,8 @@ def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
 
 
 def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sample]:
-    """Derivatives at closed configurations near θ (J,), which are found by moving along what C
-    leaves free.
+    """Derivatives at closed configurations near θ (J,), found by moving along the null space of
+    C.
     """
     rng, row = np.random.default_rng(0), np.zeros(1, dtype=int)
     everything, scale = np.ones(tree.joints, dtype=bool), tree.joint_scale

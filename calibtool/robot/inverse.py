@@ -216,8 +216,8 @@ def _bounded_step(
     upper: Array,
     again: int = 2,
 ) -> Array:
-    """A damped step in which the joints that stand at a limit and would leave it keep still, looked
-    for `again` times.
+    """A damped step in which joints at a limit that would leave it are fixed; these joints are
+    determined in `again` rounds.
     """
     step = _damped_step(jacobian, error, caution)
     held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))

@@ -178,7 +178,7 @@ class Robot:
         return self.to_controller(q) if values == "controller" else q
 
     def joint_values(self, place: str, *stated: JointValues | None) -> JointValues:
-        """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
+        """The kind of joint values of `place`; see `settled_values`."""
         return settled_values(self.coupling, place, *stated)
 
     @cached_property
@@ -285,8 +285,8 @@ class Robot:
         return inside
 
     def closing(self, q: Array) -> Array:
-        """Those rows of q (N, n) at which the nominal robot can stand: all but where closed loops
-        do not close.
+        """Rows of q (N, n) at which the loops of the nominal robot close; all rows without
+        loops.
         """
         return q if self.chain.tree is None else q[self.mechanism.closes(q)]
 

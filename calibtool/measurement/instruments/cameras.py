@@ -107,7 +107,7 @@ def _ahead(distance: float) -> Array:
 
 
 def _noisy(poses: Array, rng: np.random.Generator) -> Array:
-    """Poses (N, 4, 4) with a camera's noise: position and left turn along its axes."""
+    """Poses (N, 4, 4) with a camera's noise: position, and rotation in the camera's axes."""
     noise = rng.normal(size=(len(poses), 6)) * CAMERA_NOISE
     turned = exp6(np.concatenate([np.zeros((len(poses), 3)), noise[:, 3:]], axis=-1))
     noisy = poses.copy()

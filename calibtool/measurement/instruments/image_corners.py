@@ -1,4 +1,4 @@
-"""Cameras of which the corners of a board are read in the image, on the tool and beside the arm."""
+"""Cameras with image coordinates of the corners of a board, on the tool and beside the arm."""
 
 import numpy as np
 
@@ -106,7 +106,7 @@ def _images(board: Array) -> Array:
 
 
 def _useful(pixels: Array) -> np.ndarray:
-    """Rows (k,) of images with corners enough."""
+    """Rows (k,) of images with enough corners."""
     return np.flatnonzero(np.isfinite(pixels[..., 0]).sum(axis=-1) >= _LEAST)
 
 
@@ -122,7 +122,7 @@ def _views(count: int, rng: np.random.Generator, scale: float = 1.0) -> Array:
 
 
 def _centred(turned: Array, middle: Array) -> Array:
-    """Poses with these rotations (N, 4, 4) whose board has its middle at points (N, 3)."""
+    """Poses with these rotations (N, 4, 4) and the middle of the board at points (N, 3)."""
     poses = turned.copy()
     centre = BOARD.corners.mean(axis=0)
     poses[:, :3, 3] = middle - turned[:, :3, :3] @ centre

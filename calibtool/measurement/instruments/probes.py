@@ -11,8 +11,9 @@ RADIUS = 0.08  # m, of a sphere and the tip
 
 
 def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
-    """A tip put onto planes of 0.4 m: heights of zero, but for the noise of the contact. With a
-    gauge block every other contact is on its top.
+    """A tip put onto planes of 0.4 m: heights of zero plus the noise of the contact.
+
+    With a gauge block, about half of the contacts are on its top.
     """
     q, place, planes, heights = [], [], [], []
     starts = cell.apart(places, rng)

@@ -1,5 +1,5 @@
-"""Poses of boards fixed in the cell, seen by a camera on the tool: residuals in the camera's frame,
-where their noise is.
+"""Poses of boards fixed in the cell, seen by a camera on the tool; residuals are in the camera's
+frame, like their noise.
 """
 
 from __future__ import annotations
@@ -125,7 +125,9 @@ def _boards(setup: Setup) -> Array:
 
 
 def _at(board: Array) -> Array:
-    """What a twist of the camera's frame does to a pose (N, 4, 4): position and turn (N, 6, 6)."""
+    """Effect of a twist of the camera's frame on a pose (N, 4, 4): position and rotation (N, 6,
+    6).
+    """
     moved = np.tile(np.eye(6), (len(board), 1, 1))
     moved[:, :3, 3:] = -skew(board[:, :3, 3])
     return moved

@@ -87,7 +87,7 @@ class Kind(ABC):
         """The set-up after a step (k,) of its free elements."""
 
     def blank(self, name: str, array: Array) -> Array:
-        """An array of the set-up as it is before anything is known: no place, no turn."""
+        """An array of the set-up before anything is known: zeros and identities."""
         if array.shape[-2:] in ((3, 3), (4, 4)):
             return np.broadcast_to(np.eye(array.shape[-1]), array.shape).copy()
         return np.zeros_like(array)

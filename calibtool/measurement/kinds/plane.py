@@ -73,8 +73,8 @@ class PlaneProbe(ToolPoint):
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
-        """With the tool's point given, a plane is that of the smallest extent of its points, or
-        across that in which the readings rise.
+        """With the tool's point given, each plane is fitted to its points: by their smallest
+        extent, or by the direction in which the readings increase.
         """
         assert readings.values is not None
         found = []

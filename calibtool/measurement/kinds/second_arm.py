@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class SeenFromArm(Kind):
-    """d = 3 m: x, y, z of each point in the sensor, whose noise is along its axes.
+    """d = 3 m: x, y, z of each point in the sensor, along whose axes the noise is stated.
 
-    A place is a pose of the second arm: the sensor stands at T_base_base2 T_base2_flange2
+    A place is a pose of the second arm: the sensor is at T_base_base2 T_base2_flange2
     T_flange2_sensor, of which the first and the last are free and the middle one is given.
     """
 

@@ -20,8 +20,8 @@ _REFINED = 3  # of the starts
 class SphereProbe(ToolPoint):
     """d = 1: |p − c| − r, p the tool's point, c and r centre and radius of the row's sphere.
 
-    The radius is that of the sphere plus that of the tip. A radius of 0 is none to be estimated:
-    the readings are then distances from the centre, which is how a known radius is stated.
+    The radius is that of the sphere plus that of the tip. A radius of 0 is not estimated: the
+    readings are then distances from the centre. A known radius is stated in this way.
     """
 
     id, words = "sphere", "distances from spheres"
@@ -93,7 +93,7 @@ class SphereProbe(ToolPoint):
         return [start for _, start in sorted(found, key=lambda item: item[0])[:_REFINED]]
 
     def blank(self, name: str, array: Array) -> Array:
-        """Whether there is a radius to be estimated stays known."""
+        """Whether a radius is estimated stays known."""
         value = np.zeros_like(array)
         value[:, 3] = array[:, 3] != 0.0
         return value
@@ -139,7 +139,7 @@ def _block_diagonal(blocks: list[Array]) -> Array:
 
 
 def _round(setup: Setup) -> np.ndarray:
-    """Which spheres have a radius of their own: (G,) bool."""
+    """Which spheres have a radius that is estimated: (G,) bool."""
     has: np.ndarray = _spheres(setup)[:, 3] != 0.0
     return has
 
