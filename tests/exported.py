@@ -19,8 +19,8 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
 REGULAR = (
     2 * MIN_SINGULARITY_DISTANCE

@@ -5,19 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs, wrote
-from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
     Force,
-    FrameOption,
     JointValuesOption,
     Output,
-    PayloadKg,
-    TemperatureC,
     choice,
     joint_values_of,
-    under,
 )
 from calibtool.errors import UsageError
 
@@ -46,6 +42,7 @@ PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("doubl
 
 
 def export(
+    *,
     calibration: CalibrationFile,
     format: Annotated[
         str | None,
@@ -71,9 +68,7 @@ def export(
             metavar="NAME", help="c, st: what symbols begin with (default: the output's name)."
         ),
     ] = None,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
+    conditions: CalibrationOptions,
     joint_values: JointValuesOption = None,
     output: Output = "-",
     force: Force = False,
@@ -104,7 +99,7 @@ def export(
         values = "serial"
     check_output(output, force, binary=format == "onnx")
     stem = prefix or ("calibtool" if output == STREAM else Path(output).stem)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     if format not in GEOMETRIES:
         from calibtool.export.rendering import left_out
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes, turn_columns
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.inverse_starts import drawn as configurations
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import at_point
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 # A joint counts as loaded when its moment reaches this part of the largest joint's

@@ -24,9 +24,9 @@ def calibration_as_c(
     `<prefix>.h` if one is given.
 
     `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m
-    and a status, of type double or float. The source needs <math.h> only, takes no memory from the
-    heap, and is plain ASCII. Numbers have 17 significant digits (9 for float); the same calibration
-    gives the same text. joint_values: whose joint values q and q_m are. Raises UsageError when
+    and a status, of type double or float. The source needs only <math.h>, does not allocate memory,
+    and is plain ASCII. Numbers have 17 significant digits (9 for float); the same calibration gives
+    the same text. joint_values: the kind of the joint values q and q_m. Raises UsageError when
     `prefix` is no C identifier, or `header_name` has other characters than ASCII letters, digits,
     spaces and `_ . + -`.
     """

@@ -1,4 +1,4 @@
-"""The correction in words and formulas, for a reader who has nothing but the JSON file."""
+"""The correction in words and formulas, for a reader who has only the JSON file."""
 
 FORMULA = {
     "purpose": (
