@@ -42,7 +42,7 @@ def left_out_variance(
             std[rest] *= std[own[0]] / stated[own[0]]
     equations = normal_equations(measurements, larger, fitted.state, fitted.row_weight)
     information = equations.information / fitted.noise_factor**2
-    every = inverse(information + np.diag(std**-2.0), on_the_way=True)
+    every = inverse(information + np.diag(std**-2.0))
     shift = every[:, ~kept] @ equations.gradient[~kept] / fitted.noise_factor**2
     squares = (np.diag(every) + shift**2)[kept]
     return np.asarray(np.maximum(squares - np.diag(covariance), 0.0))

@@ -131,8 +131,9 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def _sampled(
     robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
 ) -> Array:
-    """Configurations of the workspace; with closed loops those at which the actual robot can "
-    "stand."""
+    """Configurations of the workspace; with closed loops those at which the loops of the actual
+    robot close.
+    """
     wanted, workspace = simulation.configurations, simulation.workspace
     q: Array = sample_configurations(robot, workspace, wanted, rng)
     if robot.chain.tree is None:
