@@ -27,6 +27,7 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+from calibtool.robot.damped_least_squares import at_point
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
@@ -40,7 +41,6 @@ from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.singularity import at_point
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 

@@ -106,15 +106,16 @@ def most_probable(
     return kept
 
 
-def inverse(matrix: Array) -> Array:
+def inverse(matrix: Array, on_the_way: bool = False) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first.
 
     Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, for
-    example because the noise is far too small for the tolerances.
+    example because the noise is far too small for the tolerances. on_the_way: see
+    `_root_of_inverse`.
     """
     with np.errstate(all="ignore"):
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        root = _root_of_inverse(matrix * np.outer(scale, scale), on_the_way=False) * scale
+        root = _root_of_inverse(matrix * np.outer(scale, scale), on_the_way) * scale
     result: Array = root.T @ root
     return result
 

@@ -156,10 +156,10 @@ def _useful(
     dropped = np.flatnonzero(~kept)
     fine = [] if "harmonics" in fixed else _fine_structure(fit.parameters)
     pairs = slice(0, 0) if "pairs" in fixed else fit.parameters.blocks["pairs"]
-    sections = _sections(fit.parameters, fixed)
-    coarse = [(f, s) for f, s in sections if not fit.parameters.fine_structure[s[0]]]
-    doubtful = [(nats, s) for _, s, nats in _evidence(fit, kept, coarse) if nats < _BEYOND_DOUBT]
     of_pairs = np.flatnonzero(kept[pairs]) + pairs.start
+    sections, is_fine = _sections(fit.parameters, fixed), fit.parameters.fine_structure
+    coarse = [(f, s) for f, s in sections if not is_fine[s[0]]]
+    doubtful = [(nats, s) for _, s, nats in _evidence(fit, kept, coarse) if nats < _BEYOND_DOUBT]
     if not (doubtful or fine or len(of_pairs)):
         return kept
     held_out = HeldOut.of(measurements, fit)
