@@ -27,7 +27,6 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
-from calibtool.robot.damped_least_squares import at_point
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
@@ -43,6 +42,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import at_point
 
 FINE, FINE_JOINTS, FINE_SIZE = (4, 16), 3, 0.02e-3  # rad
 CONDITIONS = {"payload_kg": (0.0, 10.0), "temperature_c": (20.0, 35.0)}
