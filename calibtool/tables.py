@@ -27,9 +27,7 @@ LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
 
 
 class Lines(Sequence[list[str]]):
-    """Rows of cells, split from their lines of text when they are asked for: a million rows fit
-    in memory as text.
-    """
+    """Rows of cells, split from their lines when used: a million rows fit in memory as text."""
 
     def __init__(self, lines: list[str], delimiter: str) -> None:
         self._lines, self._delimiter = lines, delimiter

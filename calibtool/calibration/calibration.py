@@ -99,7 +99,7 @@ class Calibration:
         )
 
     def summary(self) -> str:
-        """What the fit found, for people: how well it fits, and its parameters with ± one standard
+        """Result of the fit for people: its quality, and its parameters with ± one standard
         deviation.
         """
         from calibtool.calibration.fit_summary import fit_summary  # which needs this class

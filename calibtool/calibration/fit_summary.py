@@ -42,8 +42,8 @@ def fit_summary(calibration: Calibration) -> str:
 
 
 def fit_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: determined parameters, quality of the fit, warnings, and whether
-    the network helps.
+    """Lines for people: determined parameters, quality of the fit, warnings, and use of the
+    network.
     """
     base, training = calibration.base, calibration.training
     noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"

@@ -99,8 +99,8 @@ def _largest_deviation(calibration: Calibration) -> float:
 
 
 def _deviation(calibration: Calibration, q: Array) -> Array:
-    """Predicted standard deviation (N,) of the tool point, m; backlash is everywhere the same, and
-    does not count.
+    """Predicted standard deviation (N,) of the tool point, m, without backlash, which is
+    constant.
     """
     return predicted_uncertainty(calibration, q, np.ones_like(q)).position
 

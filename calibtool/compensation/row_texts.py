@@ -14,8 +14,8 @@ from calibtool.tables import Table, csv_lines, number
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """A batch: the table, which of its columns are kept, the corrected joints in its units,
-    and added columns.
+    """A batch: the table, which columns are kept, the corrected joints in its units, added
+    columns.
     """
 
     table: Table

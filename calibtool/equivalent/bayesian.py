@@ -15,8 +15,8 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BayesianRun:
-    """One training: the learned model, its history, γ effective weights and the noise over the
-    stated one (1/√β).
+    """One training: learned model, history, γ effective weights, noise over the stated one
+    (1/√β).
     """
 
     network: Regressor

@@ -63,9 +63,7 @@ class Payload(Family):
         return result
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """The bending to first order: a turn about the origin of F0_j; its other errors are
-        neglected.
-        """
+        """The bending to first order: a turn about the origin of F0_j, without its other errors."""
         along, across = moments(context.rows)
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         bend = turn_columns(before, across[..., None])

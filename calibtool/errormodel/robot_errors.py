@@ -56,8 +56,8 @@ class RobotErrors:
         )
 
     def moved(self, **steps: Array) -> Self:
-        """The errors after steps (`Family.moved`) of some families; a step may be of another
-        order than the value.
+        """The errors after steps (`Family.moved`) of some families; steps may have another
+        order.
         """
         values = {}
         for name, step in steps.items():

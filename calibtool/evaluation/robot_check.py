@@ -172,7 +172,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
 
 
 def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
-    """The loops, their passive and idle joints; closes: the share of the joint range in which they
+    """The loops, their passive and idle joints; closes: part of the joint range in which they
     close.
     """
     tree = robot.chain.tree

@@ -1,6 +1,4 @@
-"""A calibration as joint offsets alone: corrections of the mastering, fitted to the calibrated
-robot.
-"""
+"""A calibration as joint offsets alone, for the mastering, fitted to the calibrated robot."""
 
 import numpy as np
 

@@ -82,9 +82,7 @@ def _row(number: Any, values: Array) -> str:
 
 
 def _stack(values: dict[str, Any], size: int) -> int:
-    """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on
-    a 64-bit machine.
-    """
+    """Bytes of stack of one correction at the deepest call, under gcc -O2 on a 64-bit machine."""
     n, network = values["n"], values["network"]
     if not values["corrects"]:
         return 50

@@ -89,9 +89,7 @@ def _array(number: Any, values: Array) -> str:
 
 
 def _memory(declarations: str, n: int, size: int) -> int:
-    """Bytes of the declared numbers, with q and q_corrected; padding by the controller is not
-    included.
-    """
+    """Bytes of the declared numbers, with q and q_corrected, without the controller's padding."""
     total = 2 * n * size + 2
     for names, ranges, kind in re.findall(
         r"^ +(\w[\w, ]*) : (?:ARRAY\[(.*?)\] OF )?(\w+)", declarations, re.MULTILINE

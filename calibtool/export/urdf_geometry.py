@@ -46,7 +46,7 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
 
 
 def fit_configurations(calibration: Calibration) -> Array:
-    """Configurations of the calibration and as many from the same region, (2 · 500, n) in rad or
+    """Configurations of the calibration and as many of the same region, (2 · 500, n) in rad or
     m.
     """
     known = calibration.q
@@ -104,9 +104,7 @@ def fitted_geometry(
 
 
 def _sample(calibration: Calibration, count: int) -> Array:
-    """Configurations (count, n) of the default workspace, or of the calibration's joint range
-    where it is another.
-    """
+    """Configurations (count, n) of the default workspace, or of the calibration's joint range."""
     robot, q, rng = calibration.robot, calibration.q, np.random.default_rng(0)
     workspace = robot.workspace()
     if workspace.bounded:

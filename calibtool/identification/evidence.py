@@ -177,9 +177,7 @@ def widened(
 def _re_estimated(
     parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
 ) -> Array:
-    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances
-    keep their ratios.
-    """
+    """One factor per family and kind of element: s² ← Σ θ² / γ; tolerances keep their ratios."""
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2
     for chosen in parameters.groups:

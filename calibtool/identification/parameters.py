@@ -1,6 +1,4 @@
-"""The parameters of a model as one vector: families of errors, then the unknown
-part of the set-up.
-"""
+"""The parameters of a model as one vector: families of errors, then the free set-up."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -66,7 +64,7 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """Parameters for a robot in a set-up: families of these orders, and those that are always
+        """Parameters for a robot in a set-up: families of these orders, and those always
         identified.
         """
         parts = []
@@ -80,9 +78,7 @@ class Parameters:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """Slices of every family, base and targets in the vector; empty for those without
-        parameters.
-        """
+        """Slices of every family, base and targets in the vector; empty without parameters."""
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
         for name in (*BY_ID, "base", "targets"):
@@ -125,9 +121,7 @@ class Parameters:
 
     @cached_property
     def names(self) -> list[str]:
-        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2,
-        backlash1, base.x, target1.z.
-        """
+        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, backlash1, base.x …."""
         return self._names([part.family.symbol for part in self.parts])
 
     @cached_property
@@ -181,9 +175,7 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
-        """Prior standard deviation of every parameter (p,), SI; by default the
-        robot's tolerances.
-        """
+        """Prior standard deviations (p,) of the parameters, SI; by default the tolerances."""
         stated = tolerances or Tolerances.of_robot(self.robot)
         parts = [
             p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts
@@ -218,8 +210,8 @@ class Parameters:
         return every + [None] * (self.count - len(every))
 
     def function_parts(self) -> list[tuple[Part, slice]]:
-        """Families whose columns are those of the joint offsets times functions of a row, and
-        where they stand.
+        """Families whose columns are those of the offsets times functions of a row, with
+        indices.
         """
         return [
             (p, self.blocks[p.family.id])

@@ -1,6 +1,4 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether flagged rows form a
-region.
-"""
+"""Rows that do not fit: weights of robust loss functions, flags, regions of flagged rows."""
 
 from typing import Literal
 

@@ -54,9 +54,7 @@ def circle_start(measurements: Measurements) -> Array | None:
 
 
 def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
-    """For each joint, the largest set of four or more rows of q (N, n) in which only this joint
-    moves.
-    """
+    """For each joint, the largest set of at least four rows of q (N, n) in which it moves alone."""
     found = {}
     for j in range(q.shape[1]):
         others = np.delete(q, j, axis=1).round(6)

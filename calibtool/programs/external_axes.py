@@ -27,9 +27,7 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of arm and external axes, or a text that says which
-    are missing.
-    """
+    """Numbers in the robot's order from those of arm and external axes, or what is missing."""
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)
@@ -55,7 +53,5 @@ def beside_pose(robot: Robot, beside: Beside) -> tuple[tuple[tuple[int, Number],
 
 
 def is_axis(number: Number) -> bool:
-    """Whether a number stands for an existing axis; controllers write a fixed number for the
-    others.
-    """
+    """Whether a number is of an existing axis; others have a fixed number."""
     return abs(number.value) < 0.99 * UNUSED * TO_SI.get(number.unit, 1.0)

@@ -217,9 +217,7 @@ class _Reader(Motions):
         self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
-        """Calls of routines in a statement, with the values of their parameters; BAS sets base and
-        tool.
-        """
+        """Calls of routines in a statement, with values of their parameters; BAS is included."""
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
             if match[1].upper() == "BAS":

@@ -53,9 +53,7 @@ SHAPES = {"robtarget": _ROBTARGET, "jointtarget": _JOINTTARGET}
 
 @dataclass(eq=False)
 class Text:
-    """A module's text, its code with comments and strings replaced by blanks, and the positions
-    found in it.
-    """
+    """A module's text, its code without comments and strings, and the positions found in it."""
 
     number: int
     text: str

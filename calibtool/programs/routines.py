@@ -137,9 +137,7 @@ class Routines:
         state: State,
         entry: Callable[[str], Atoms],
     ) -> bool:
-        """Add a state to the possible values at the beginning of a block; returns whether they
-        changed.
-        """
+        """Add a state to the values at the beginning of a block; returns whether they changed."""
         old = states[number]
         if old is None:
             states[number] = dict(state)
@@ -225,9 +223,7 @@ class Routines:
         return self.variables.joined(STANDS, stands, stands)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
-        """Note a motion to an unknown target; the literal of which it is an edited copy is no
-        constant.
-        """
+        """Note a motion to an unknown target; an edited copy makes its literal no constant."""
         if not unknown.quiet:
             self.remark(move.line, move.name, unknown.why, routine)
         if unknown.edited is not None:

@@ -97,9 +97,7 @@ class Instructions:
         }
 
     def _written(self) -> Iterator[tuple[int, str, int | None]]:
-        """Assignments of positions, also after a condition: the line, the position, its number if
-        it is known.
-        """
+        """Assignments of positions, also conditional ones: line, position, its number if known."""
         for one in self.statements:
             for part in parts(one.text) if "=" in one.text else ():
                 if match := _WRITTEN.match(part):
@@ -251,9 +249,7 @@ class Instructions:
 
 
 def _reached(steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without those between a jump and the next label or end of a branch, which are never
-    executed.
-    """
+    """The steps without those between a jump and the next label, which are never executed."""
     level, dead = 0, -1  # of nested branches; that of the jump, -1 where there was none
     for step in steps:
         if isinstance(step, Begin):

@@ -30,9 +30,7 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """A position of a program: number of its literal, and its frame and tool as they are
-    written.
-    """
+    """A position of a program: number of its literal, and its frame and tool as written."""
 
     literal: int
     frame: str = "F"
@@ -154,7 +152,7 @@ class Positions:
         return group
 
     def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
-        """The literal of group 1. not_corrected: why it is not corrected, although it can be
+        """The literal of group 1. not_corrected: why it is not corrected although it can be
         read.
         """
         axes = {key: value for key, value in group.values.items() if key[0] != "E"}

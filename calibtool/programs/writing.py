@@ -123,9 +123,7 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are wrong for the corrected
-        joints.
-        """
+        """Configuration data to change: right before, and wrong for the corrected joints."""
         data = literal.configuration
         arm = self.controller.robot.arm
         if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):

@@ -176,9 +176,7 @@ def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
 
 
 def unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
-    """ξ (6,) of a joint in its own frame; InputError for one without an axis, or with several
-    degrees of freedom.
-    """
+    """ξ (6,) of a joint in its own frame; InputError unless it has one axis."""
     check_single(joint, called, name)
     data = joint.createData()
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))

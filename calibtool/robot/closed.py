@@ -158,18 +158,14 @@ class ClosedMechanism(Mechanism):
         return size
 
     def joints(self, q: Array) -> Array:
-        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not
-        close.
-        """
+        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for rows that do not close."""
         theta = np.empty((len(q), self.tree.joints))
         for rows, closed in self._parts(q):
             theta[rows] = np.where(closed.ok[:, None], closed.theta, np.nan)
         return theta
 
     def slopes(self, q: Array) -> Array:
-        """∂θ/∂q (N, J, n): how all joints move with the actuated ones; NaN for a row that does not
-        close.
-        """
+        """∂θ/∂q (N, J, n) of all joints by the actuated ones; NaN for rows that do not close."""
         tree = self.tree
         result = np.zeros((len(q), tree.joints, tree.n))
         result[:, : tree.n] = np.eye(tree.n)
@@ -235,9 +231,7 @@ class ClosedMechanism(Mechanism):
         return at
 
     def _tool(self, closed: Closing) -> Array:
-        """T_base_tool, after the last step of the passive joints; the square of this step is
-        negligible.
-        """
+        """T_base_tool after the last step of the passive joints, whose square is negligible."""
         tree = self.tree
         ends = poses_of(closed.ends[:, -1])
         at_tool = self._at_tool(closed.jacobian)[:, :, tree.passive]

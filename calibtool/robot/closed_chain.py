@@ -65,8 +65,8 @@ class ClosedChain:
 
     @cached_property
     def starts(self) -> Starts:
-        """Closed configurations of the nominal mechanism, made when first asked for (a second or
-        so).
+        """Closed configurations of the nominal mechanism, computed at first use (about a
+        second).
         """
         return Starts.of(self.mechanism.equations, self.tree)
 
@@ -91,8 +91,8 @@ class ClosedChain:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """A name for each placement: those of joints, `loop.a` and `loop.b` of cut frames, that of
-        the tool.
+        """A name for each placement: of joints, `loop.a` and `loop.b` of cut frames, of the
+        tool.
         """
         cuts = [f"{loop.name}.{side}" for loop in self.tree.loops for side in "ab"]
         return (*self.bodies.joints, *cuts, self.bodies.tool)

@@ -1,6 +1,4 @@
-"""Newton's method on closed loops, and continuation to rows far from known closed
-configurations.
-"""
+"""Newton's method on closed loops, and continuation to rows far from closed configurations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -119,9 +117,7 @@ def advanced(
     steps: int,
     sign: float | None,
 ) -> Closing:
-    """Close the loops at q (N, n) through closed configurations from θ = begin (N, J), which may be
-    slightly open.
-    """
+    """Close the loops at q (N, n) through closed configurations from θ = begin (N, J)."""
     found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP), sign)
     way = q - begin[:, : tree.n]
     for k in range(1, steps + 1):
@@ -229,8 +225,8 @@ class Starts:
         return cls(tree, theta, follow, curve, sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Closed configurations near actuated positions q (N, n), and what they predict at q: (N,
-        J) each.
+        """Closed configurations near actuated positions q (N, n), and their predictions at q: (N,
+        J).
         """
         n = self.tree.n
         cell = _cell(self.tree, np.where(np.isfinite(q), q, 0.0), self.cells.shape)
@@ -245,9 +241,7 @@ class Starts:
         return begin, near
 
     def reach(self, begin: Array, near: Array) -> Array:
-        """Largest allowed distance of closed configurations from their predictions (N, J): (N,),
-        see `newton`.
-        """
+        """Largest distance of closed configurations from predictions (N, J): (N,), see `newton`."""
         moved = near - begin
         return _reach(self.tree, moved[:, : self.tree.n], moved[:, self.tree.passive])
 

@@ -121,9 +121,7 @@ class JointTolerance(_Strict):
 
 
 class ToleranceTable(_Strict):
-    """Expected standard deviations of the errors, the prior of the complete model; `joints` by
-    name: j3 = { … }.
-    """
+    """Expected standard deviations of the errors; `joints` by name: j3 = { … }."""
 
     length_mm: Annotated[float, Field(gt=0)] = 1.0
     angle_mrad: Annotated[float, Field(gt=0)] = 1.0

@@ -40,9 +40,7 @@ class Starts:
         return cls(readonly(q), readonly(np.hstack([features, square]).T), robot.length)
 
     def nearest(self, target: Array, count: int) -> Array:
-        """The `count` starts nearest to poses (N, 4, 4), the nearest first:
-        (N, count, n) rad or m.
-        """
+        """The `count` starts nearest to poses (N, 4, 4), nearest first: (N, count, n) rad or m."""
         wanted = np.hstack([_features(target, self.length), np.ones((len(target), 1))])
         found = np.empty((len(target), count), dtype=int)
         for first in range(0, len(target), _TOGETHER):

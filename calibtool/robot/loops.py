@@ -1,6 +1,4 @@
-"""Structure of a mechanism with closed loops: a tree, the cut frames that join it to loops, mimic
-joints.
-"""
+"""Structure of a mechanism with closed loops: tree, cut frames of loops, mimic joints."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -137,14 +135,12 @@ class Tree:
 
     @cached_property
     def joint_scale(self) -> Array:
-        """A motion of one rad in the unit of each joint: the length for a slide, 1 for a rotation
-        (J,).
+        """A motion of one rad in each joint's unit (J,): the length for a slide, 1 for a
+        rotation.
         """
         return np.where(self.slides, self.length, 1.0)
 
     @property
     def placed_on(self) -> tuple[int, ...]:
-        """The joint of each placement: of the joints, of the cut frames, of the tool; −1 for the
-        base.
-        """
+        """The joint of each placement: of joints, cut frames, tool; −1 for the base."""
         return (*self.parents, *self.carriers, self.tool)

@@ -30,9 +30,7 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
-    """A finding of pydantic as one line: key, what is wrong, near names for an unknown key,
-    which comes first.
-    """
+    """A finding of pydantic in one line: key, problem, near names for an unknown key (first)."""
     findings = error.errors()
     first = next(
         (finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0]

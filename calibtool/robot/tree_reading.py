@@ -141,9 +141,7 @@ def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
 def _actuated_first(
     source: Source, names: list[str], used: list[int], mimics: set[str]
 ) -> tuple[list[int], int]:
-    """Joint ids: the actuated ones as the description names them, then the others; and the number
-    of the former.
-    """
+    """Joint ids, the actuated ones first in the description's order, and their number."""
     place, given = source.place, source.description.kinematics.actuated
     if given is None:
         if source.description.kinematics.loops:
@@ -197,9 +195,7 @@ def _given_closed(
 
 
 def _length(source: Source, placements: Array) -> float:
-    """Characteristic length: as given, or half of the sum of distances between neighbouring joint
-    frames.
-    """
+    """Characteristic length: as given, or half the sum of distances of neighbouring joints."""
     given = source.description.kinematics.length
     if given is not None:
         return given

@@ -228,7 +228,7 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
 
 def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) -> Figure:
     """Joint positions of the training (lines) and judged ones (N, n) (shade), between the
-    limits of each joint.
+    limits.
     """
     figure, axes = panels(width_mm, robot.n, (55.0, 34.0))
     sets: list[tuple[int, str, Array]] = []

@@ -134,9 +134,7 @@ def legend(figure: Figure, axes: Axes, across: int = 4) -> None:
 
 
 def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> None:
-    """A logarithmic axis with plain numbers, where there is anything above zero; values:
-    arrays (N,) or (N, m).
-    """
+    """A logarithmic axis with plain numbers if a value is above zero; values: (N,) or (N, m)."""
     every = np.concatenate([np.ravel(v) for v in values])
     positive = every[np.isfinite(every) & (every > 0)]
     if not len(positive):

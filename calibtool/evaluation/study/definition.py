@@ -125,9 +125,7 @@ def parse_definition(text: str, name: str) -> Definition:
 
 @dataclass(frozen=True)
 class Run:
-    """One actual robot of one combination; `number` counts from 1 and draws the same robot in
-    every combination.
-    """
+    """One actual robot of one combination; `number`, from 1, is the same robot in each of them."""
 
     robot: int  # index in Study.robots
     configurations: int

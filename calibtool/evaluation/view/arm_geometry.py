@@ -24,9 +24,7 @@ _THIN = 1e-9  # m: shorter links have no length
 
 
 def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
-    """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot
-    that comes from it.
-    """
+    """Folders of the robot's meshes: the given ones, and example-robot-data for its robots."""
     from_library = robot.source.description.kinematics.example_robot_data is not None
     return [*given, *([example_robot_data().parent] if from_library else [])]
 

@@ -75,8 +75,8 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """Movement of fixed points. Von Neumann's ratio of successive differences to variance tells
-    drift from noise.
+    """Movement of fixed points, told from noise by von Neumann's ratio of differences to
+    variance.
     """
     if auxiliary.reference_points is None:
         return None
@@ -191,9 +191,7 @@ def _trends(
 
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """The part of the way from the commanded (0) to the read (1) positions at which the points show
-    the robot.
-    """
+    """Where the points show the robot between the commanded (0) and the read (1) positions."""
     commanded, read = auxiliary.q_commanded, auxiliary.q_read
     if commanded is None or read is None:
         commanded = measurements.q if commanded is None else commanded

@@ -39,9 +39,7 @@ class Seen:
 
 
 def read_image(path: Path) -> Any:
-    """A grey image (h, w) uint8 in the sensor's orientation, or None for a file that is no
-    image.
-    """
+    """A grey image (h, w) uint8 in the sensor's orientation; None for a file that is none."""
     cv2 = opencv()
     data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     if not len(data):

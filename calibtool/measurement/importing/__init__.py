@@ -1,6 +1,4 @@
-"""Import of files of instruments: tables by header or by map, SpatialAnalyzer's points, Excel
-sheets, joint files.
-"""
+"""Import of files of instruments: tables, SpatialAnalyzer's points, Excel sheets, joint files."""
 
 from calibtool.measurement.importing.assemble import import_table, read_table, template_of
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map

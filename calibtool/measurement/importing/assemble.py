@@ -1,6 +1,4 @@
-"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are registered
-afterwards.
-"""
+"""Instrument tables → measurements and auxiliary readings, before the set-up is registered."""
 
 from dataclasses import replace
 

@@ -45,9 +45,7 @@ class JointColumns(_Strict):
 
 
 class TargetColumns(_Strict):
-    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where its
-    position is known.
-    """
+    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` if known."""
 
     measured: Triple | None = None
     nominal: Triple | None = None
@@ -145,9 +143,7 @@ class PayloadColumn(_Strict):
 
 
 class JoinColumns(_Strict):
-    """The columns by which rows of the table and of the joint file match: names, or time stamps
-    with a unit.
-    """
+    """The columns by which rows of table and joint file match: names, or stamps with a unit."""
 
     measured: str
     joints: str
@@ -200,9 +196,7 @@ class ColumnMap(_Strict):
         return {column for part in parts for column in part}
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with the kind of its joint values; also of those read back, unless they state
-        it.
-        """
+        """The same with a kind of joint values; also of those read back, unless they state it."""
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})
@@ -234,8 +228,8 @@ def parse_column_map(text: str, name: str) -> ColumnMap:
 
 
 def check_convention(value: str) -> None:
-    """ValueError unless `value` names an orientation; Euler angles say whether the axes turn
-    (`intrinsic`).
+    """ValueError unless `value` names an orientation; Euler angles need `intrinsic` or
+    `extrinsic`.
     """
     if value != "zyx" and not numbers_in(value):
         raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")

@@ -1,6 +1,4 @@
-"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise the encodings of
-spreadsheets.
-"""
+"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, or encodings of spreadsheets."""
 
 import codecs
 import re

@@ -36,9 +36,7 @@ from calibtool.tables import Table
 
 
 class Found(NamedTuple):
-    """The parts that the names of headers define; an error instead of a part that they do not
-    define clearly.
-    """
+    """The parts that the names of headers define; an error for a part that they do not define."""
 
     joints: JointColumns | InputError
     measured: ColumnMap | InputError

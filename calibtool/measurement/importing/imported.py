@@ -55,7 +55,7 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, auxiliary readings, how the files were understood, and the stream of
+    """Measurements, warnings, auxiliary readings, how files were understood, the stream of
     joints.
     """
 
