@@ -1,6 +1,4 @@
-"""Tables with units in their headers: reading text into rows, rows into numbers, and messages that
-name line and column.
-"""
+"""Tables with units in their headers: text → rows → numbers, and messages with places."""
 
 import csv
 import io
@@ -48,8 +46,8 @@ class Lines(Sequence[list[str]]):
         return split_lines(self._lines, self._delimiter)
 
     def floats(self, rows: slice, columns: Sequence[int], decimal: str) -> Array | None:
-        """Some columns of some rows as numbers, quickly; None when a cell is no number below
-        LARGEST (look closer then).
+        """Some columns of some rows as numbers, quickly; None if a cell is no number below
+        LARGEST.
         """
         lines = self._lines[rows]
         if decimal != ".":
@@ -284,9 +282,7 @@ def text_lines(text: str) -> list[str]:
 
 
 def check_header(header: Sequence[str], place: str) -> None:
-    """InputError for what is no header: XML, a row of numbers, a name that appears more than once
-    (empty ones may).
-    """
+    """InputError for no header: XML, a row of numbers, a name that is repeated."""
     if header and header[0].lstrip().startswith("<"):
         raise InputError(f"{place}: an XML file; expected a table with a header line")
     filled = [cell.strip() for cell in header if cell.strip()]

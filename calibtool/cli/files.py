@@ -108,9 +108,7 @@ def read_text(path: str) -> str:
 
 @contextlib.contextmanager
 def input_stream(path: str) -> Iterator[io.BufferedReader]:
-    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first
-    without taking them.
-    """
+    """A file, or stdin for `-`, read as its bytes arrive; `peek` looks at the first ones."""
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")

@@ -1,6 +1,4 @@
-"""Rows of commanded targets of any number, as CSV or newline-delimited JSON, corrected in batches
-of constant memory.
-"""
+"""Correction of any number of rows, CSV or newline-delimited JSON, in batches."""
 
 import io
 from collections import deque
@@ -116,9 +114,7 @@ class StreamReport:
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A batch as it was read: joints and poses (T_base_tool and their columns), if it has them,
-    and the objects of its rows.
-    """
+    """A batch as read: joints, poses (T_base_tool and their columns), and objects of its rows."""
 
     table: Table
     joints: Joints | None
@@ -220,9 +216,7 @@ def _corrections(
 
 
 class _Corrector:
-    """Corrects tables in order; keeps the last joints, from which the next pose starts, and the
-    state of the backlash.
-    """
+    """Corrects tables in order; keeps the last joints and the state of the backlash."""
 
     def __init__(
         self, calibration: Calibration, options: StreamOptions, report: StreamReport

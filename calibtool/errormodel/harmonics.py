@@ -1,6 +1,4 @@
-"""Harmonics of the joint motions, such as of eccentric gears: Σ_h a_jh sin(h q_j) + b_jh cos(h
-q_j).
-"""
+"""Harmonics of the joint motions, as of eccentric gears: Σ_h a_jh sin(h q_j) + b_jh cos(h q_j)."""
 
 import numpy as np
 

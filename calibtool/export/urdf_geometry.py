@@ -46,9 +46,7 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
 
 
 def fit_configurations(calibration: Calibration) -> Array:
-    """Configurations of the calibration and as many of the same region, (2 · 500, n) in rad or
-    m.
-    """
+    """Configurations of the calibration and as many near them, (2 · 500, n) in rad or m."""
     known = calibration.q
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     return np.concatenate([_sample(calibration, 2 * _SAMPLE)[:_SAMPLE], as_many])

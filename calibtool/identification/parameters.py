@@ -64,9 +64,7 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """Parameters for a robot in a set-up: families of these orders, and those always
-        identified.
-        """
+        """Parameters for a robot in a set-up: families of these orders, and those always found."""
         parts = []
         for family in FAMILIES:
             if order := int(orders.get(family.id, family.always)):
@@ -158,8 +156,8 @@ class Parameters:
 
     @cached_property
     def sections(self) -> list[tuple[Family, np.ndarray]]:
-        """Families and indices (k,) of parameters that are chosen together; not of those that are
-        always identified.
+        """Families and indices (k,) of parameters chosen together, without those always
+        identified.
         """
         result = []
         for part in self.parts:
@@ -210,9 +208,7 @@ class Parameters:
         return every + [None] * (self.count - len(every))
 
     def function_parts(self) -> list[tuple[Part, slice]]:
-        """Families whose columns are those of the offsets times functions of a row, with
-        indices.
-        """
+        """Families whose columns are those of the offsets times functions, with their indices."""
         return [
             (p, self.blocks[p.family.id])
             for p in self.parts
@@ -220,9 +216,7 @@ class Parameters:
         ]
 
     def pose_columns(self, context: Context, functions: bool = True) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of
-        `function_parts` are left out.
-        """
+        """∂δy/∂θ without the targets (N, 6, p − targets), perhaps without `function_parts`."""
         parts = [p for p in self.parts if functions or not isinstance(p.family, JointFunctions)]
         blocks = [part.family.columns(part.shape, context)[:, :, part.elements] for part in parts]
         if self.frame_free:

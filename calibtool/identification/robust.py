@@ -105,9 +105,7 @@ def _log_choose(n: int, k: np.ndarray | int) -> Array:
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
-    """The joint and its interval in which flagged rows crowd, if chance would hardly do that
-    (hypergeometric test).
-    """
+    """The joint and its interval in which flagged rows concentrate (hypergeometric test)."""
     count, flagged = len(measurements), len(rows)
     if flagged < 3:
         return None

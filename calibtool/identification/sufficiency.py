@@ -24,9 +24,7 @@ def check_rows(measurements: Measurements) -> None:
 
 
 def few_rows(identification: Identification, configurations: int) -> str | None:
-    """A warning where the configurations give fewer equations than there are directions to
-    determine, None otherwise.
-    """
+    """A warning for fewer equations than there are directions to determine, otherwise None."""
     if identification.posterior is None:
         return None
     shown = _shown(identification.setup.kind.coordinates(identification.setup))

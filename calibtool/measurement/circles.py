@@ -92,9 +92,7 @@ def circle_axis(angles: Array, points: Array) -> Line | None:
 
 
 def _frame(first: Line, second: Line) -> Array | None:
-    """The frame that two lines define: z along the first, x along the common normal, origin at its
-    foot on the first.
-    """
+    """The frame of two lines: z along the first, x along the common normal, origin on the first."""
     normal = np.cross(first.direction, second.direction)
     sine = np.linalg.norm(normal)
     if sine < _PARALLEL:

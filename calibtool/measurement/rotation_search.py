@@ -1,6 +1,4 @@
-"""Least squares over rotations: minima of a quadratic form of the nine elements
-from many starts.
-"""
+"""Minima over all rotations of a quadratic form of the nine elements, from many starts."""
 
 from dataclasses import dataclass
 
@@ -19,9 +17,7 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class RotationForm:
-    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9)
-    and g = Eᵀe (9,).
-    """
+    """f(C) = |E vec(C) − e|² / 2, vec row by row, as M = EᵀE (9, 9) and g = Eᵀe (9,)."""
 
     M: Array
     g: Array

@@ -131,9 +131,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def _sampled(
     robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
 ) -> Array:
-    """Configurations of the workspace; with closed loops those at which the loops of the actual
-    robot close.
-    """
+    """Configurations of the workspace at which the loops of the actual robot close."""
     wanted, workspace = simulation.configurations, simulation.workspace
     q: Array = sample_configurations(robot, workspace, wanted, rng)
     if robot.chain.tree is None:
@@ -191,9 +189,7 @@ def _by_instrument(
 def observe(
     actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None
 ) -> Array:
-    """Target points (N, m, 3) in the instrument's frame, m, without noise, for q (N, n) in rad or
-    m.
-    """
+    """Target points (N, m, 3) in the instrument's frame, m, without noise, for q (N, n)."""
     return transform_points(setup.T_instrument_base @ actual.forward(q, conditions), setup.targets)
 
 

@@ -14,9 +14,7 @@ Beside = Mapping[int, Number | None]
 
 
 def unit_of(robot: Robot, axis: int) -> str:
-    """The unit in which an external axis is written: that of its joint, "" for an axis that is no
-    joint.
-    """
+    """The unit of an external axis: that of its joint, "" for an axis that is no joint."""
     joint = robot.external.get(axis)
     return "" if joint is None else "mm" if robot.prismatic[joint] else "deg"
 

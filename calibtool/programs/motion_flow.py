@@ -153,9 +153,7 @@ class _Uses:
         )  # fmt: skip
 
     def _alone(self, used: Iterable[int], count: int) -> Iterable[Use]:
-        """Literals to which no motion goes, in the order of the text, if something is known of
-        them.
-        """
+        """Literals to which no motion goes, in order, if something is known of them."""
         before: tuple[int, ...] = ()
         for number, literal in enumerate(self.program.literals):
             if number in used or literal.alone is None:

@@ -66,9 +66,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of an instruction: span, name of an optional one; after: number of the
-    previous.
-    """
+    """An argument: span, name of an optional one; after: number of the previous argument."""
 
     start: int
     end: int

@@ -40,9 +40,7 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """The values of variables after a routine, and its calls with the values of those that the
-    called routine reads.
-    """
+    """Values of variables after a routine, and its calls with the values that these read."""
 
     after: State = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)

@@ -73,9 +73,7 @@ class Instructions:
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Frames and tools that are assigned, by kind and number ("" if that is not known), and the
-        reason to report.
-        """
+        """Frames and tools that are assigned, by kind and number ("" if unknown), and why."""
         for one in self.statements:
             for part in parts(one.text) if "[" in one.text else ():
                 match = _SET.match(part)

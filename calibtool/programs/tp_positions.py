@@ -152,9 +152,7 @@ class Positions:
         return group
 
     def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
-        """The literal of group 1. not_corrected: why it is not corrected although it can be
-        read.
-        """
+        """The literal of group 1. not_corrected: why not, although it can be read."""
         axes = {key: value for key, value in group.values.items() if key[0] != "E"}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}

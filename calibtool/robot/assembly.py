@@ -91,9 +91,7 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
 def _nearest_closed(
     mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
 ) -> tuple[Array, float]:
-    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r|,
-    rad.
-    """
+    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r|."""
     theta = theta.copy()
     scale = np.where(free, tree.joint_scale, 0.0)
     residual = np.inf

@@ -157,9 +157,7 @@ def gravity_in_base(source: Source, base: pin.SE3, model: pin.Model) -> Array:
 
 
 def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
-    """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by
-    the description.
-    """
+    """Joint ids from the base to joint `last`; all other joints must be locked."""
     way: list[int] = []
     while last > 0:
         way.insert(0, last)

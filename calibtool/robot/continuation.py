@@ -132,9 +132,7 @@ def advanced(
 
 
 def _reach(tree: Tree, moved: Array, predicted: Array) -> Array:
-    """How far from its prediction a closed configuration may be after a motion of the joints: (N,)
-    rad or lengths.
-    """
+    """Largest distance of a closed configuration from its prediction: (N,) rad or lengths."""
     scale = tree.joint_scale
     actuated = np.abs(moved / scale[: tree.n]).max(axis=-1, initial=0.0)
     passive = np.abs(predicted / scale[tree.passive]).max(axis=-1, initial=0.0)
@@ -225,9 +223,7 @@ class Starts:
         return cls(tree, theta, follow, curve, sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Closed configurations near actuated positions q (N, n), and their predictions at q: (N,
-        J).
-        """
+        """Closed configurations near actuated joints q (N, n), and predictions at q: (N, J)."""
         n = self.tree.n
         cell = _cell(self.tree, np.where(np.isfinite(q), q, 0.0), self.cells.shape)
         number = self.cells[tuple(cell.T)]

@@ -19,9 +19,7 @@ class _Strict(BaseModel):
 
 
 class LoopTable(_Strict):
-    """A closed loop: two frames, A and B, and the joint that joins them (`loops.FORBIDDEN`), about
-    or along z of A.
-    """
+    """A closed loop: frames A and B, and their joint (`loops.FORBIDDEN`), about or along z of A."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")] | None = None
     frames: tuple[str, str]

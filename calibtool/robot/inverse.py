@@ -230,9 +230,7 @@ def _bounded_step(
 
 
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
-    """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n),
-    (N, 6) → (N, n).
-    """
+    """Least-squares step (N, n), of minimum norm for n > 6, damped by |error|² + caution."""
     transposed = np.swapaxes(jacobian, -1, -2)
     # The last term keeps the matrix regular at a singularity: it must not drown in the rounding
     # of large entries.

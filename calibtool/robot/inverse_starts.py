@@ -63,9 +63,7 @@ def starts_of(robot: Robot) -> Starts:
 
 
 def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    """Uniform joint positions within the limits, (count, n) rad or m; joints of several turns
-    within half a turn of 0.
-    """
+    """Uniform joints within the limits, (count, n) rad or m, turns within half a turn of 0."""
     several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
     low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
     span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)

@@ -33,9 +33,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Follower:
-    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m. Joints by their number in the
-    chain, from 0.
-    """
+    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m; joints from 0."""
 
     joint: int
     leader: int
@@ -135,9 +133,7 @@ class Tree:
 
     @cached_property
     def joint_scale(self) -> Array:
-        """A motion of one rad in each joint's unit (J,): the length for a slide, 1 for a
-        rotation.
-        """
+        """A motion of one rad in each joint's unit (J,): the length for a slide, else 1."""
         return np.where(self.slides, self.length, 1.0)
 
     @property

@@ -56,8 +56,8 @@ class Frames:
         return np.concatenate(parts, axis=1)
 
     def links(self, placed_on: tuple[int, ...]) -> tuple[Array, Array]:
-        """Straight pieces from the joint that carries each of `placed` (−1: the base) to it, in
-        K_0: ends (N, s, 3) each.
+        """Straight parts from the joint of each of `placed` (−1: base) to it: ends (N, s, 3)
+        each.
         """
         origins = np.concatenate(
             [np.zeros((len(self.tool), 1, 3)), self.after[:, :, :3, 3]], axis=1
@@ -93,8 +93,8 @@ class Mechanism:
     def of(
         cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
     ) -> Self:
-        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j
-        (n,), zero unless given.
+        """The chain with M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch, and δq_j (n,), zero unless
+        given.
         """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()

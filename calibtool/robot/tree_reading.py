@@ -18,9 +18,7 @@ from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joi
 
 @dataclass(frozen=True, eq=False)
 class TreeReading:
-    """The contents of a description; joints in the order actuated, then the others as in the URDF;
-    loops with all rows.
-    """
+    """The contents of a description; actuated joints first; loops with all rows."""
 
     bodies: Bodies
     placements: Array

@@ -155,9 +155,7 @@ def frame_id(model: pin.Model, frame: str, name: str) -> int:
 
 
 def base_placement(model: pin.Model, base_frame: str | None, name: str) -> pin.SE3:
-    """Pose of K_0 in the root link: of `base_frame`, if it is fixed (InputError), or the
-    identity.
-    """
+    """Pose of K_0 in the root link: of a fixed `base_frame` (InputError), or the identity."""
     if base_frame is None:
         return pin.SE3.Identity()
     frame = model.frames[frame_id(model, base_frame, name)]

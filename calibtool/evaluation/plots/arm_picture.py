@@ -29,9 +29,7 @@ _AROUND = np.array(
 
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """Points and directions in K_0, mm. links: a line through every joint, along the slides; marks:
-    where joints stand.
-    """
+    """Points and directions in K_0, mm. links: a line through every joint; marks: joints."""
 
     prismatic: list[bool]
     links: Array
@@ -168,9 +166,7 @@ def _frame(panel: Axes, pose: Array, size: float, plane: list[int]) -> None:
 
 
 def _name_points(panel: Axes, arm: _Arm, plane: list[int]) -> None:
-    """Names beside base, joints and tool, where there is most room; points that coincide in this
-    view share one label.
-    """
+    """Names beside base, joints and tool, with the most space; coinciding points share one."""
     points = np.concatenate([np.zeros((1, 3)), arm.marks, arm.tool[None, :3, 3]])[:, plane]
     names = ["base", *(f"j{j + 1}" for j in range(len(arm.marks))), "tool"]
     groups: list[tuple[Array, list[str]]] = []

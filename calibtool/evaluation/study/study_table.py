@@ -1,6 +1,4 @@
-"""The tidy table of a study: one row per run and method, units in the header, an empty cell where
-there is no number.
-"""
+"""The tidy table of a study: one row per run and method, units in the header."""
 
 import csv
 import io

@@ -118,9 +118,7 @@ def _copied(mesh: Path, copy: Path) -> Path:
 
 
 def simple_shape(robot: Robot) -> pin.GeometryModel:
-    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as suits
-    the size of the robot.
-    """
+    """Cylinders along links, rails and axes, boxes for slides, sized by the robot."""
     shape = pin.GeometryModel()
     placements, twists = robot.chain.placements, robot.chain.twists
     links = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 2 or 0.3

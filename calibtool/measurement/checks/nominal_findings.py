@@ -56,9 +56,7 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
 
 
 def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Whether the sensor of a 6-D instrument turns as the robot does: it must be fixed to the
-    tool.
-    """
+    """Whether the sensor of a 6-D instrument turns with the tool."""
     if measurements.rotations is None or len(measurements) < 3 or not np.isfinite(fit.rms):
         return None
     T_base_tool = measurements.robot.mechanism.forward(measurements.q)

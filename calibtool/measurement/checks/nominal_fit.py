@@ -14,9 +14,7 @@ from calibtool.robot.se3 import Array
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set-up, residuals of the points (N, 3m) in K_0, rms distance per target, m (inf: no
-    fit).
-    """
+    """A set-up, residuals of the points (N, 3m) in K_0, rms distance per target, m (inf: none)."""
 
     setup: Setup
     residual: Array

@@ -131,18 +131,14 @@ def _pairs(points: Array) -> _Pairs:
 
 
 def _running_median(values: Array) -> Array:
-    """Median of five rows around each, at the ends the first or last five: (N, P). It keeps
-    steps.
-    """
+    """Median of five rows around each (N, P), at the ends the outer five; it keeps steps."""
     middle = np.clip(np.arange(len(values)), 2, len(values) - 3)
     result: Array = np.median(values[middle[:, None] + np.arange(-2, 3)], axis=1)
     return result
 
 
 def _step(values: Array, scatter: Array) -> tuple[int, Array, float]:
-    """First row after the largest change of the columns' means, the change (P,), its
-    significance.
-    """
+    """First row after the largest change of the means, the change (P,), its significance."""
     count = len(values)
     before = np.arange(1, count)[:, None]
     total = np.cumsum(values - values[0], axis=0)

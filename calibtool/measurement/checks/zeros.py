@@ -84,9 +84,7 @@ def zeros_of_all_joints(measurements: Measurements) -> Zeros | None:
 
 
 def _rounded(found: Zeros, j: int) -> Zeros:
-    """A multiple of 15 deg if it explains the points as well; the rest is due to the arm's
-    errors.
-    """
+    """A multiple of 15 deg if it explains the points as well, despite the arm's errors."""
     if found.measurements.robot.prismatic[j]:
         return found
     whole = np.zeros_like(found.offsets)

@@ -127,9 +127,7 @@ def _mapped(H: Array, points: Array) -> Array:
 
 
 def off_plane(pixels: Array, board: BoardDescription) -> float:
-    """Distance of corners (m, 2) from those of the flat board by a homography, px rms; infinite for
-    fewer than six.
-    """
+    """Distance of corners (m, 2) from a flat board's, px rms; infinite for fewer than six."""
     seen = np.isfinite(pixels[:, 0])
     if seen.sum() < _LEAST:
         return float("inf")

@@ -228,8 +228,6 @@ def parse_column_map(text: str, name: str) -> ColumnMap:
 
 
 def check_convention(value: str) -> None:
-    """ValueError unless `value` names an orientation; Euler angles need `intrinsic` or
-    `extrinsic`.
-    """
+    """ValueError unless `value` is a convention; Euler angles need `intrinsic` or `extrinsic`."""
     if value != "zyx" and not numbers_in(value):
         raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")
