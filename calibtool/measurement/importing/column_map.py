@@ -2,14 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Point
 from calibtool.robot.orientation import numbers_in
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
 
@@ -218,13 +218,10 @@ class ColumnMap(_Strict):
 
 def parse_column_map(text: str, name: str) -> ColumnMap:
     """A column map from TOML text. Raises InputError with the key that is wrong."""
-    try:
-        keys = parse_toml(text, name)
-        if not keys:
-            raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
-        return ColumnMap.model_validate(keys)
-    except ValidationError as error:
-        raise InputError(f"{name}: {validation_message(error, ColumnMap)}") from None
+    keys = parse_toml(text, name)
+    if not keys:
+        raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
+    return read_model(ColumnMap, keys, name)
 
 
 def check_convention(value: str) -> None:
