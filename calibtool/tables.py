@@ -177,9 +177,8 @@ class Table:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = (
-                        "_" not in text and abs(float(point)) < LARGEST
-                    )  # Python would read 1_0 as ten
+                    # Python would read 1_0 as ten
+                    finite = "_" not in text and abs(float(point)) < LARGEST
                 except ValueError:
                     finite = False
                 if not finite:

@@ -45,9 +45,8 @@ _ALONE = 16  # batches before other processes help: starting them takes as long 
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17
-_JUMP = np.deg2rad(
-    60.0
-)  # between neighbours of a path: another branch, or a singularity on the way
+# between neighbours of a path: another branch, or a singularity on the way
+_JUMP = np.deg2rad(60.0)
 _Targets = tuple[Array | None, Array | None]  # joints (N, n) and T_base_tool (N, 4, 4)
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 

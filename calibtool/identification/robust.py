@@ -113,9 +113,8 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
     for j in range(measurements.robot.n):
         values = measurements.q[:, j]
         own = np.sort(values[rows])
-        take = max(
-            3, int(np.ceil(0.7 * flagged))
-        )  # most of the flagged rows; stragglers may lie elsewhere
+        # most of the flagged rows; stragglers may lie elsewhere
+        take = max(3, int(np.ceil(0.7 * flagged)))
         for start in range(flagged - take + 1):
             low, high = own[start], own[start + take - 1]
             inside = int(((values >= low) & (values <= high)).sum())

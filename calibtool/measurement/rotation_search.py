@@ -51,9 +51,8 @@ class RotationForm:
         from scipy.spatial.transform import Rotation
 
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
-        rounding = 1e-13 * (
-            np.abs(self.M).max() + np.abs(self.g).max()
-        )  # the last steps lower nothing that can be seen
+        # the last steps lower nothing that can be seen
+        rounding = 1e-13 * (np.abs(self.M).max() + np.abs(self.g).max())
         for _ in range(_ITERATIONS):
             step = self._newton_step(C) * reach[:, None]
             length = np.linalg.norm(step, axis=-1)

@@ -16,10 +16,11 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 from calibtool.robot.workspace import Workspace
 
+# m: less is none at all, for which the weights still need a figure
 SMALLEST_NOISE, NO_NOISE = (
     1e-9,
     1e-6,
-)  # m: less is none at all, for which the weights still need a figure
+)
 _DRAWN_AGAIN = 20  # times, configurations at which closed loops of the actual robot do not close
 ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
 

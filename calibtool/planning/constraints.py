@@ -245,10 +245,11 @@ def inside(robot: Robot, workspace: Workspace, q: Array) -> np.ndarray:
     if robot.n < 6:
         return result
     x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
+    # swing, then twist about z
     tilt, turn = (
         2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)),
         2 * np.arctan2(z, w),
-    )  # swing, then twist about z
+    )
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
     result &= (tilt <= workspace.cone + 1e-9) & (turn <= workspace.roll + 1e-9)
     return result

@@ -23,9 +23,8 @@ from calibtool.programs.motions import (
 BASE_NOW, TOOL_NOW, MODE_NOW = "$base", "$tool", "$ipo_mode"
 AS_FRAME = "~"  # behind the name of a variable: what it holds where it is used as a frame
 FORM = "fdat_act"
-ON_BASE = frame_of(
-    FRAME, None, np.eye(4)
-)  # $IPO_MODE=#BASE: nothing stands between base and position
+# $IPO_MODE=#BASE: nothing stands between base and position
+ON_BASE = frame_of(FRAME, None, np.eye(4))
 ORDER = ("x", "y", "z", "a", "b", "c")
 _ITEM = {
     key: re.compile(rf"\b{key}\s+#?(-?\w+)", re.IGNORECASE)

@@ -41,9 +41,8 @@ _START = re.compile(
 )
 _UNSAID = {BASE_NOW: Frame(FRAME, None), TOOL_NOW: Frame(TOOL, None), MODE_NOW: ON_BASE}
 _OPEN = re.compile(r"(?:BASE|TOOL)_DATA\s*\[\s*[A-Z_$][^\[\]]*\][\s.\w]*=(?!=)", re.IGNORECASE)
-_NUMBERED = re.compile(
-    r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
-)  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+# BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+_NUMBERED = re.compile(r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE)
 _CYCLIC = re.compile(r"ANIN\s+ON\s+([^=]*?)\s*=", re.IGNORECASE)
 _ASIDE = re.compile(
     r"(?:GLOBAL\s+)?(TRIGGER|ANIN\s+ON|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE

@@ -61,9 +61,8 @@ class Text:
     lines: LineNumbers
     robot: Robot
     literals: list[Literal]
-    taken: set[int] = field(
-        default_factory=set
-    )  # where positions begin that are among the literals
+    # where positions begin that are among the literals
+    taken: set[int] = field(default_factory=set)
 
     def shape(self, start: int, end: int) -> str | None:
         """The type of the position that code[start:end] writes in full."""

@@ -29,9 +29,8 @@ from calibtool.programs.tp_positions import HELD, Positions, Taught
 
 _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET", "SEARCH"})
-_SHIFTED = re.compile(
-    r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE
-)  # the motions behind it
+# the motions behind it
+_SHIFTED = re.compile(r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE)
 _SELECT = re.compile(
     r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE
 )

@@ -84,9 +84,8 @@ def solve_poses(
             break
         bounds = lower[active], upper[active]
         step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
-        slides = (
-            np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5
-        )  # joints that do not turn the tool, in m
+        # joints that do not turn the tool, in m
+        slides = np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5
         longest = np.linalg.norm(np.where(slides, step / length, step), axis=-1, keepdims=True)
         proposed = np.clip(
             q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds
@@ -164,9 +163,8 @@ def inverse_kinematics(
     near = starts_of(robot).nearest(target[rows], min(starts, _NEAR_STARTS))
     used = 0
     while used < starts and len(rows):
-        together = min(
-            starts - used, max(2, _ROWS_TOGETHER // len(rows))
-        )  # few rows: more starts in one batch
+        # few rows: more starts in one batch
+        together = min(starts - used, max(2, _ROWS_TOGETHER // len(rows)))
         q_start, steps = near[:, used : used + together], _FROM_NEAR
         if not q_start.shape[1]:
             q_start, steps = (

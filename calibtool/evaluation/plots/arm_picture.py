@@ -16,15 +16,15 @@ from calibtool.robot.skeleton import skeleton
 # Colours of Okabe and Ito, for colour-blind readers; shapes differ, too.
 _LINK, _AXIS, _TARGET = "#777777", "#CC79A7", "#E69F00"
 _FRAME = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
+# horizontal, vertical axis of K_0
 _VIEWS = (
     ("from the side", 0, 2),
     ("from the front", 1, 2),
     ("from above", 0, 1),
-)  # horizontal, vertical axis of K_0
+)
 
-_AROUND = np.array(
-    [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [1.3, 0.0], [-1.3, 0.0]]
-)  # where labels may go
+# where labels may go
+_AROUND = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [1.3, 0.0], [-1.3, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)

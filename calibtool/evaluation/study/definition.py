@@ -204,9 +204,8 @@ class Study:
         combination, replicate = divmod(index, self.definition.runs)
         robot, errors, scale, noise, configurations = self._combinations[combination]
         stream = np.random.SeedSequence(self.definition.seed, spawn_key=(replicate,))
-        seed = int(
-            stream.generate_state(1, np.uint64)[0] >> np.uint64(11)
-        )  # 53 bits: exact in any JSON reader
+        # 53 bits: exact in any JSON reader
+        seed = int(stream.generate_state(1, np.uint64)[0] >> np.uint64(11))
         return Run(robot, configurations, errors, scale, noise, replicate + 1, seed)
 
     def check_version(self, version: str) -> None:

@@ -125,9 +125,8 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
     width = (links if robot.chain.tree is None else min(links, robot.length)) / 30  # one leg's size
     origin = np.zeros(3)
     joint = robot.chain.model_joints  # of Pinocchio, by number; 0 is the base
-    for k, (placement, carrier) in enumerate(
-        zip(placements, robot.chain.placed_on, strict=True)
-    ):  # from the origin of a joint's frame to that of the next one
+    # from the origin of a joint's frame to that of the next one
+    for k, (placement, carrier) in enumerate(zip(placements, robot.chain.placed_on, strict=True)):
         thick = width if k < len(twists) else width / 2
         _add_rod(shape, f"link{k}", joint[carrier], origin, placement[:3, 3], thick)
     for j, twist in enumerate(twists[: robot.n]):

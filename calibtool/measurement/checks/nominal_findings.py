@@ -17,10 +17,11 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
 
+# of the length, and m: no arm is built so badly that its drawing misses by more
 _SUSPICIOUS, _AT_LEAST = (
     1.5e-2,
     5e-3,
-)  # of the length, and m: no arm is built so badly that its drawing misses by more
+)
 _GROSS = 3e-2  # the same, when nothing that was tried explains it
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows tried without
