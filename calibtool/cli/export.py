@@ -188,11 +188,11 @@ def _export_c(
 
     if Path(output).suffix != ".c":
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
-    header_path = str(Path(output).with_suffix(".h"))
-    check_output(header_path, force)
+    header_path = Path(output).with_suffix(".h")
+    check_output(str(header_path), force)
     values = calibration.robot.joint_values(calibration.robot.name, values)
-    header, source = calibration_as_c(calibration, prefix, precision, values)
-    write_outputs({header_path: header, output: source}, force)
+    header, source = calibration_as_c(calibration, prefix, precision, values, header_path.name)
+    write_outputs({str(header_path): header, output: source}, force)
     wrote(output, f"C99 compensator of {calibration.robot.name}; its header is {header_path}")
 
 

@@ -68,7 +68,7 @@ class Payload(Family):
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         bend = turn_columns(before, across[..., None])
         wind = context.offset_columns * along[:, None]
-        return np.stack([wind, bend], axis=-1).reshape(len(along), 6, -1)
+        return np.stack([wind, bend], axis=-1).reshape(len(along), 6, 2 * along.shape[1])
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
         free = self.free(robot, self.shape(robot.n))

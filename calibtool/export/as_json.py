@@ -21,7 +21,7 @@ from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
 from calibtool.robot.singularity import GRAM_REGULARISATION
 
-SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 3
+SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 4
 
 # Families of errors by id, and their keys: what a family does stands in FORMULA.
 ERROR_KEYS = {
@@ -29,6 +29,7 @@ ERROR_KEYS = {
     "twists": "twist_errors_per_rad_or_m",
     "offsets": "offset_errors_rad_or_m",
     "harmonics": "harmonics_rad",
+    "pairs": "pairs_rad",
     "gravity": "compliance_rad_per_nm",
     "backlash": "backlash_rad_or_m",
     "wobble": "wobble_rad",

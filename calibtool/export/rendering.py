@@ -236,6 +236,7 @@ def _cost(
         calls += runs * network.hidden
     if varying:
         flops += n * (172 + 20 * motion["orders"] + 124 * motion["gravity"])
+        flops += 4 * n * (n - 1) * (n + 1) if motion["pairs"] is not None else 0
     if turns:
         payload, bends, wobbles = (
             turns[part] is not None for part in ("payload", "bending", "wobble")
@@ -249,11 +250,12 @@ def _cost(
 
 
 def _motion(errors: RobotErrors) -> dict[str, Any]:
-    """Joint-motion functions: number of harmonics, gravity, and their numbers."""
+    """Joint-motion functions: number of harmonics, pairs, gravity, and their numbers."""
     masses, centres, gravity = link_masses(errors.robot)
     return {
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
         "harmonics": errors["harmonics"],
+        "pairs": errors["pairs"] if errors["pairs"].any() else None,
         "gravity": bool(errors["gravity"].any()),
         "weights": bool(errors["gravity"].any() or errors["bending"].any()),
         "compliance": errors["gravity"],
@@ -265,7 +267,7 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
 
 def _varying(motion: dict[str, Any], turns: dict[str, Any] | None) -> bool:
     """Whether the joint motion errors or the placements change with the joint positions."""
-    return bool(motion["orders"] or motion["gravity"] or turns)
+    return bool(motion["orders"] or motion["pairs"] is not None or motion["gravity"] or turns)
 
 
 def _conditions(calibration: Calibration) -> str:

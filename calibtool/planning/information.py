@@ -85,7 +85,8 @@ class Knowledge:
         noise_position: float,
         noise_orientation: float,
     ) -> Self:
-        """The posterior of a complete model; its harmonics beyond `HARMONICS` are taken as exact.
+        """The posterior of a complete model; harmonics beyond `HARMONICS` and functions of pairs
+        of joints are taken as exact.
 
         The noise is that of future measurements. Raises InputError for a model without a posterior.
         """
@@ -98,7 +99,7 @@ class Knowledge:
         orders = posterior.parameters.orders
         orders |= {"harmonics": min(orders.get("harmonics", 0), HARMONICS)}
         # A plan does not choose directions, loads and temperatures.
-        left_out = ("backlash", "payload", "temperature")
+        left_out = ("backlash", "payload", "temperature", "pairs")
         parameters = Parameters.of(robot, identified.setup, **orders).without(*left_out)
         known = np.isin(parameters.names, posterior.parameters.names)
         parameters = parameters.only(known)  # not every joint has what its family offers

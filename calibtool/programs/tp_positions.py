@@ -21,6 +21,7 @@ _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
 _VALUE = re.compile(r"([A-Z]+\d*)\s*=\s*(\S+?)\s*(mm|deg)?")
+_EXTERNAL = re.compile(r"E([1-9]\d?)")
 _FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
 _CONFIG = re.compile(r"[CK]ONFIG\s*:\s*'([^']*)'")
 _SIX_JOINTS = re.compile(r"\s*([NF])\s*(?:[LR]\s*)?([UD])\s*([TB])\s*((?:,\s*[-+]?\d{1,4}\s*)*)")
@@ -153,7 +154,7 @@ class Positions:
 
     def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
         """The literal of group 1. not_corrected: why not, although it can be read."""
-        axes = {key: value for key, value in group.values.items() if key[0] != "E"}
+        axes = {k: value for k, value in group.values.items() if not _EXTERNAL.fullmatch(k)}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}
         numbers: tuple[Number, ...] = ()
@@ -224,7 +225,11 @@ class Positions:
 
 def _beside(group: _Group) -> dict[int, Number | None]:
     """The numbers of a group's external axes."""
-    return {int(key[1:]) - 1: value for key, value in group.values.items() if key[0] == "E"}
+    return {
+        int(axis[1]) - 1: value
+        for key, value in group.values.items()
+        if (axis := _EXTERNAL.fullmatch(key))
+    }
 
 
 def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:
