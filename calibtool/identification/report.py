@@ -75,7 +75,7 @@ def parameter_table(identifications: list[tuple[str, Identification]]) -> str:
 
 
 def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that the data can hardly tell apart, largest correlation first."""
+    """Pairs of parameters that the data hardly distinguish, largest correlation first."""
     correlation = posterior.covariance / np.outer(posterior.std, posterior.std)
     rows, columns = np.triu_indices(len(correlation), k=1)
     order = np.argsort(-np.abs(correlation[rows, columns]))[:count]
