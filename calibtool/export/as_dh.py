@@ -5,7 +5,7 @@ from math import degrees
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.export.not_held import not_held
+from calibtool.export.unrepresented_parts import not_held
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.denavit_hartenberg import DhConvention, DhRow, DhTable
 from calibtool.robot.robot import Robot

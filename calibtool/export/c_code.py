@@ -6,8 +6,8 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.closed_loop_code import taught_c, taught_values
 from calibtool.export.rendering import LINE, Precision, compensator_values, digits, render, wrapped
-from calibtool.export.taught_code import taught_c, taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.closed_loop_code import taught_values
 from calibtool.export.rendering import (
     Code,
     Precision,
@@ -16,7 +17,6 @@ from calibtool.export.rendering import (
     render,
     wrapped,
 )
-from calibtool.export.taught_code import taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 

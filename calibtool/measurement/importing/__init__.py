@@ -8,7 +8,7 @@ from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.references import brought_back
 from calibtool.measurement.importing.row_selection import choose_rows, select_rows
 from calibtool.measurement.importing.second_arm_columns import SecondArm
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 
 __all__ = [
     "ColumnMap",

@@ -30,7 +30,7 @@ from calibtool.measurement.importing.measured_columns import (
 )
 from calibtool.measurement.importing.names import Named, named
 from calibtool.measurement.importing.sources import SourceTable
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table
 

@@ -19,7 +19,7 @@ from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.names import Named
 from calibtool.measurement.importing.sources import SourceTable
 from calibtool.measurement.importing.spelling import spelt
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
