@@ -78,7 +78,7 @@ def most_probable(
     covariance: Array,
     prior_std: Array,
     sections: list[np.ndarray],
-    parsimony: float,
+    parsimony: list[float],
 ) -> np.ndarray:
     """Which parameters (p,) bool remain when sections go whose absence is more probable than their
     presence.
@@ -86,18 +86,19 @@ def most_probable(
     The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ,
     covariance) over all of
     them, which is conditioned on every section that has gone. A section stays that earns more than
-    `parsimony` nats.
+    its `parsimony` in nats.
     """
     theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
-    remaining = list(sections)
+    remaining = list(zip(sections, parsimony, strict=True))
     while remaining:
         gains = [
-            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in remaining
+            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) + least
+            for s, least in remaining
         ]
         worst = int(np.argmax(gains))
-        if gains[worst] < -parsimony:
+        if gains[worst] < 0.0:
             break
-        s = remaining.pop(worst)
+        s, _ = remaining.pop(worst)
         gain = np.linalg.solve(covariance[np.ix_(s, s)], covariance[s]).T
         theta -= gain @ theta[s]
         covariance -= gain @ covariance[s]
@@ -105,15 +106,16 @@ def most_probable(
     return kept
 
 
-def inverse(matrix: Array) -> Array:
+def inverse(matrix: Array, on_the_way: bool = False) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first.
 
     Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, for
-    example because the noise is far too small for the tolerances.
+    example because the noise is far too small for the tolerances. on_the_way: see
+    `_root_of_inverse`.
     """
     with np.errstate(all="ignore"):
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        root = _root_of_inverse(matrix * np.outer(scale, scale), on_the_way=False) * scale
+        root = _root_of_inverse(matrix * np.outer(scale, scale), on_the_way) * scale
     result: Array = root.T @ root
     return result
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from calibtool.errormodel.families import BY_ID, FAMILIES
-from calibtool.errormodel.family import Rows
+from calibtool.errormodel.family import Family, Rows
 from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.identification.evidence import log_density_ratio, most_probable
 from calibtool.identification.fine_structure import WORTHWHILE, finer, harmonic_orders, paired
@@ -18,9 +18,10 @@ from calibtool.identification.parameters import Parameters, Part, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
-_PARSIMONY = 4.0  # nats by which a section must make the data more probable
+# nats by which a section must make the data more probable, where its family is not there anyway
+_PARSIMONY = 4.0
 _CLEARLY, _AT_ALL = 1.0, 0.5  # standard errors by which held-out rows are predicted better
-_BEYOND_DOUBT = 30.0  # nats: with more, held-out rows are not compared
+_BEYOND_DOUBT = 30.0  # nats: with more, a family is there, and held-out rows are not compared
 # harmonics up to which fine structure is sought, in turn: the finer beside the coarser
 _FINE = (32, 128)
 
@@ -39,28 +40,40 @@ class FitOf(Protocol):
     ) -> Fit: ...
 
 
+def offered(measurements: Measurements, orders: Mapping[str, int]) -> Parameters:
+    """All parameters from which sections are chosen, without fine structure; orders: of families
+    that are fixed, by id."""
+    rows = Rows(measurements.robot, measurements.q, measurements.conditions)
+    every = {family.id: family.orders[-1] if family.known(rows) else 0 for family in FAMILIES}
+    every |= {family.id: 1 for family in FAMILIES if family.always} | dict(orders)
+    return Parameters.of(measurements.robot, measurements.setup, **every)
+
+
 def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: FitOf) -> Fit:
     """The fit of the errors that the data support. orders: those of families that are fixed, by id.
 
     First harmonics beyond the low orders, then functions of pairs of joints, are added to the
-    joints whose residuals need them. Then sections that are more probably absent are removed. At
-    last held-out rows decide, because the evidence assumes white noise: sections without which
-    held-out rows are predicted as well are removed, and fine structure that does not predict them
-    clearly better.
+    joints whose residuals need them. Then sections that are more probably absent are removed; one
+    of a family that is certainly there need not be clear itself. At last held-out rows decide,
+    because the evidence assumes white noise: sections without which held-out rows are predicted as
+    well are removed, and fine structure that does not predict them clearly better.
     """
-    rows = Rows(measurements.robot, measurements.q, measurements.conditions)
     start = State.nominal(measurements.robot, measurements.setup)
-    every = {family.id: family.orders[-1] if family.known(rows) else 0 for family in FAMILIES}
-    every |= {family.id: 1 for family in FAMILIES if family.always} | dict(orders)
-    low = Parameters.of(measurements.robot, start.setup, **every)
+    low = offered(measurements, orders)
     few = low.count > measurements.equations
 
     def probable(of: Fit) -> np.ndarray:
         sections = _sections(of.parameters, orders)
         if few and (fine := _fine_structure(of.parameters)):
             # Held-out rows decide on all of it: the part of one joint is never clear with few rows.
-            sections = [s for s in sections if s[0] not in fine[0]]
-        return most_probable(of.theta, of.covariance, of.prior_std, sections, _PARSIMONY)
+            sections = [(f, s) for f, s in sections if s[0] not in fine[0]]
+        kept, certain = np.ones(of.parameters.count, dtype=bool), set[str]()
+        for _ in range(2):
+            least = [0.0 if family.id in certain else _PARSIMONY for family, _ in sections]
+            indices = [s for _, s in sections]
+            kept = most_probable(of.theta, of.covariance, of.prior_std, indices, least)
+            certain = {f.id for f, s, nats in _evidence(of, kept, sections) if nats > _BEYOND_DOUBT}
+        return kept
 
     fit = fit_of(low, start, None, ROUGHLY)
     if "harmonics" not in orders:
@@ -108,8 +121,22 @@ def _priors(fit: Fit, larger: Parameters, size: Array) -> Array:
     return np.array([known.get(name, s) for name, s in zip(larger.names, of_joint, strict=True)])
 
 
-def _sections(parameters: Parameters, fixed: Collection[str]) -> list[np.ndarray]:
-    return [index for family, index in parameters.sections if family.id not in fixed]
+def _sections(parameters: Parameters, fixed: Collection[str]) -> list[tuple[Family, np.ndarray]]:
+    return [(family, index) for family, index in parameters.sections if family.id not in fixed]
+
+
+def _evidence(
+    fit: Fit, kept: np.ndarray, sections: list[tuple[Family, np.ndarray]]
+) -> list[tuple[Family, np.ndarray, float]]:
+    """Of the sections that are kept, kept (p,) bool: the nats by which each makes the data more
+    probable, when the others that are kept follow."""
+    step, covariance = fit.conditional(np.flatnonzero(~kept))
+    theta = fit.theta + step
+    return [
+        (f, s, -log_density_ratio(theta[s], covariance[np.ix_(s, s)], fit.prior_std[s]))
+        for f, s in sections
+        if kept[s[0]]
+    ]
 
 
 def _smaller(fit: Fit, kept: np.ndarray, fit_of: FitOf) -> Fit:
@@ -127,16 +154,12 @@ def _useful(
     without which held-out rows are not predicted worse.
     """
     dropped = np.flatnonzero(~kept)
-    theta, covariance = fit.conditional(dropped)
-    theta += fit.theta
     fine = [] if "harmonics" in fixed else _fine_structure(fit.parameters)
     pairs = slice(0, 0) if "pairs" in fixed else fit.parameters.blocks["pairs"]
-    doubtful = []
-    for s in _sections(fit.parameters, fixed):
-        if kept[s[0]] and not fit.parameters.fine_structure[s[0]]:
-            density = log_density_ratio(theta[s], covariance[np.ix_(s, s)], fit.prior_std[s])
-            doubtful += [(-density, s)] if -density < _BEYOND_DOUBT else []
     of_pairs = np.flatnonzero(kept[pairs]) + pairs.start
+    sections, is_fine = _sections(fit.parameters, fixed), fit.parameters.fine_structure
+    coarse = [(f, s) for f, s in sections if not is_fine[s[0]]]
+    doubtful = [(nats, s) for _, s, nats in _evidence(fit, kept, coarse) if nats < _BEYOND_DOUBT]
     if not (doubtful or fine or len(of_pairs)):
         return kept
     held_out = HeldOut.of(measurements, fit)
@@ -158,7 +181,7 @@ def _useful(
         without = held_out.squares(trial)
         if len(trial) > len(dropped) and not _better(now, without, _AT_ALL):
             dropped, now = trial, without
-    result = np.ones(len(theta), dtype=bool)
+    result = np.ones(fit.parameters.count, dtype=bool)
     result[dropped] = False
     return result
 
