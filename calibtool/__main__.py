@@ -23,9 +23,7 @@ DOING = {
 
 
 def first_line(arguments: list[str]) -> str | None:
-    """Line that is printed on a terminal before anything is imported: `training on
-    measurements.h5 …`.
-    """
+    """The line on a terminal before anything is imported: `training on measurements.h5 …`."""
     words = [word for word in arguments if word not in ("-v", "--verbose", "--debug")]
     if not words or words[0] not in DOING or {"-q", "--quiet", "-h", "--help"} & set(words):
         return None

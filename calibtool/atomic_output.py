@@ -132,9 +132,8 @@ def staged(target: Path) -> Iterator[PartialFile]:
             lacking: list[str] = []  # without locks nobody removes anything either
             if sys.platform != "win32":
                 attempt("locks", lacking, partial(fcntl.flock, descriptor, fcntl.LOCK_EX))
-            if os.path.exists(
-                temporary
-            ):  # else taken for abandoned by another process, just before it was locked
+            # else taken for abandoned by another process, just before it was locked
+            if os.path.exists(temporary):
                 break
         yield PartialFile(stream, temporary, target, lacking)
 

@@ -96,9 +96,7 @@ def run_demo(
 
 
 def _straight_line(robot: Robot) -> str:
-    """100 poses along y through the middle of the workspace, with the tool held
-    still: a CSV of poses.
-    """
+    """A CSV of 100 poses along y through the middle of the workspace, of one orientation."""
     workspace = robot.workspace()
     T = robot.mechanism.forward(workspace.home[None])[0]
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)

@@ -11,9 +11,7 @@ _BEGINNING = 2  # characters that tell a name by its beginning
 
 
 def printable(text: str) -> str:
-    """The text with escapes for what is no printable character: words of a file must not move a
-    terminal's cursor.
-    """
+    """The text with escapes for unprintable characters, which could move a terminal's cursor."""
     if text.isprintable():
         return text
     return "".join(

@@ -122,9 +122,7 @@ _ORIENTATIONS = {
 
 
 def pose_columns_of(table: Table) -> tuple[list[str], list[str]] | None:
-    """Position and orientation columns (`x_mm …`, one of the three orientation forms); None when a
-    part is missing.
-    """
+    """Position and orientation columns, in one of three forms; None when a part is missing."""
     for unit in ("mm", "m"):
         position = [f"{axis}_{unit}" for axis in "xyz"]
         if all(column in table.header for column in position):
@@ -140,9 +138,7 @@ def pose_columns_of(table: Table) -> tuple[list[str], list[str]] | None:
 
 
 def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
-    """Poses (N, 4, 4) in metres and their columns by the header's names, None when the header has
-    no complete pose.
-    """
+    """Poses (N, 4, 4) in metres and their columns by the header's names; None without any."""
     found = pose_columns_of(table)
     if found is None:
         return None

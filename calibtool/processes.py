@@ -119,9 +119,7 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """What is started inside gets one BLAS thread: workers that have several each wait
-    for one another.
-    """
+    """Processes started inside get one BLAS thread, so that workers do not compete."""
     before = {name: os.environ.get(name) for name in _BLAS_THREADS}
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     try:

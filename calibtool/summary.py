@@ -28,9 +28,7 @@ def robot_entry(robot: Robot) -> dict[str, object]:
 
 
 def robot_summary(robot: Robot) -> dict[str, object]:
-    """Joints with limits and axes, targets, workspaces, virtual joints and notes;
-    units in the keys.
-    """
+    """Joints, limits, axes, targets, workspaces, virtual joints and notes; units in the keys."""
     description = robot.source.description
     home = robot.mechanism.forward(robot.workspace().home[None])[0]
     joints = []

@@ -1,6 +1,4 @@
-"""Tables with units in their headers: reading text into rows, rows into numbers, and messages that
-name line and column.
-"""
+"""Tables with units in their headers: text → rows → numbers, and messages with places."""
 
 import csv
 import io
@@ -27,9 +25,7 @@ LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
 
 
 class Lines(Sequence[list[str]]):
-    """Rows of cells, split from their lines of text when they are asked for: a million rows fit
-    in memory as text.
-    """
+    """Rows of cells, split from their lines when used: a million rows fit in memory as text."""
 
     def __init__(self, lines: list[str], delimiter: str) -> None:
         self._lines, self._delimiter = lines, delimiter
@@ -50,8 +46,8 @@ class Lines(Sequence[list[str]]):
         return split_lines(self._lines, self._delimiter)
 
     def floats(self, rows: slice, columns: Sequence[int], decimal: str) -> Array | None:
-        """Some columns of some rows as numbers, quickly; None when a cell is no number below
-        LARGEST (look closer then).
+        """Some columns of some rows as numbers, quickly; None if a cell is no number below
+        LARGEST.
         """
         lines = self._lines[rows]
         if decimal != ".":
@@ -181,9 +177,8 @@ class Table:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = (
-                        "_" not in text and abs(float(point)) < LARGEST
-                    )  # Python would read 1_0 as ten
+                    # Python would read 1_0 as ten
+                    finite = "_" not in text and abs(float(point)) < LARGEST
                 except ValueError:
                     finite = False
                 if not finite:
@@ -286,9 +281,7 @@ def text_lines(text: str) -> list[str]:
 
 
 def check_header(header: Sequence[str], place: str) -> None:
-    """InputError for what is no header: XML, a row of numbers, a name that appears more than once
-    (empty ones may).
-    """
+    """InputError for no header: XML, a row of numbers, a name that is repeated."""
     if header and header[0].lstrip().startswith("<"):
         raise InputError(f"{place}: an XML file; expected a table with a header line")
     filled = [cell.strip() for cell in header if cell.strip()]

@@ -21,8 +21,8 @@ from calibtool.errors import InputError, NoSolutionError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.c_code import calibration_as_c
+from calibtool.export.closed_loop_network import Taught
 from calibtool.export.structured_text import calibration_as_structured_text
-from calibtool.export.taught import Taught
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
@@ -110,7 +110,7 @@ def test_what_a_taught_network_leaves_is_small_beside_what_it_corrects(name: str
 def test_a_network_that_cannot_learn_the_corrections_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    import calibtool.export.taught as module
+    import calibtool.export.closed_loop_network as module
 
     monkeypatch.setattr(module, "HIDDEN", 1)
     with pytest.raises(NoSolutionError, match=r"delta: a network of 1 nodes leaves .* use json"):

@@ -1,5 +1,6 @@
 """README, how-to pages and help are in short sentences and ordinary words."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -56,6 +57,17 @@ def test_pages_use_no_private_words(page: Path) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_uses_no_private_words(command: str) -> None:
     assert re.findall(PRIVATE, help_of(command)) == []
+
+
+@pytest.mark.parametrize("room", sorted((ROOT / "calibtool").iterdir()), ids=lambda path: path.name)
+def test_docstrings_use_no_private_words(room: Path) -> None:
+    found = []
+    for path in sorted(room.rglob("*.py")) if room.is_dir() else [room] * (room.suffix == ".py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                text = " ".join((ast.get_docstring(node) or "").split())
+                found += [f"{path.name}: {word[0]}" for word in re.finditer(PRIVATE, text)]
+    assert found == []
 
 
 def test_a_long_sentence_is_found() -> None:

@@ -99,9 +99,7 @@ class Calibration:
         )
 
     def summary(self) -> str:
-        """What the fit found, for people: how well it fits, and its parameters with ± one standard
-        deviation.
-        """
+        """Result for people: quality of the fit, and parameters with ± one standard deviation."""
         from calibtool.calibration.fit_summary import fit_summary  # which needs this class
 
         return fit_summary(self)
@@ -197,9 +195,7 @@ class Calibration:
         )
 
     def closes(self, q: Array) -> np.ndarray:
-        """Which rows of q (N, n) the nominal and the calibrated robot can stand at: (N,) bool; all
-        without closed loops.
-        """
+        """At which rows of q (N, n) the loops of nominal and calibrated robot close: (N,) bool."""
         if self.robot.chain.tree is None:
             return np.ones(len(q), dtype=bool)
         closed: np.ndarray = self.robot.mechanism.closes(q) & np.isfinite(self.forward(q)[:, 0, 0])

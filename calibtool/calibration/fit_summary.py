@@ -42,9 +42,7 @@ def fit_summary(calibration: Calibration) -> str:
 
 
 def fit_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: determined parameters, quality of the fit, warnings, and whether
-    the network helps.
-    """
+    """Lines for people: parameters, quality of the fit, warnings, use of the network."""
     base, training = calibration.base, calibration.training
     noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
     fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"

@@ -72,9 +72,7 @@ class _Reference:
     spacing: float
 
     def nearest(self, q: Array) -> Array:
-        """Scaled distance of joint positions (N, n) to the nearest of the training: (N,), NaN for
-        rows without positions.
-        """
+        """Scaled distance (N,) of joints (N, n) to the nearest of the training; NaN for NaN."""
         distance = np.full(len(q), np.nan)
         known = np.isfinite(q).all(axis=-1)
         distance[known] = self.tree.query(q[known] / self.scale)[0]
@@ -99,9 +97,7 @@ def _largest_deviation(calibration: Calibration) -> float:
 
 
 def _deviation(calibration: Calibration, q: Array) -> Array:
-    """Predicted standard deviation (N,) of the tool point, m; backlash is everywhere the same, and
-    does not count.
-    """
+    """Predicted standard deviation (N,) of the tool point, m; backlash is not included."""
     return predicted_uncertainty(calibration, q, np.ones_like(q)).position
 
 

@@ -30,7 +30,7 @@ class NoiseGroup:
     rms         of the residuals, m or rad
     ratio       its noise over that of the others of its kind
     p           probability of such a ratio or a larger one by chance, for all groups together
-    told_apart  whether the noise was told apart from what the model leaves
+    told_apart  whether the noise could be separated from errors beyond the model
     """
 
     kind: Kind
@@ -79,15 +79,15 @@ class NoiseGroup:
 def noise_groups(calibration: Calibration, measurements: Measurements) -> list[NoiseGroup]:
     """Residuals of measurements by target and by axis of the instrument, compared with each other.
 
-    Of three targets and more in a row, what a motion of the tool explains is taken out, and the
-    mean of each target in the tool frame: what is left is noise alone, r' = Q r, and the variances
-    v_g of the groups solve Σ r'_i² (i in g) = Σ_h v_h Σ Q_ij² (i in g, j in h). The whole residual
-    counts where that does not separate them, there are fewer targets, or, for axes, it is less than
-    1.5 times the stated noise; never where it is more than three times that, or the base model is
-    none that describes every family (p = 1). A variance less the mean of the others has the
-    deviation of a jackknife over rows. Residuals count over the noise that was stated for them.
-    Nothing for other kinds of observation, another set-up, or fewer than 15 rows that saw all and
-    close.
+    With three or more targets in a row, the part that a motion of the tool explains and the mean of
+    each target in the tool frame are subtracted. The rest is noise alone, r' = Q r, and the
+    variances v_g of the groups solve Σ r'_i² (i in g) = Σ_h v_h Σ Q_ij² (i in g, j in h). The whole
+    residual is used where this does not separate the groups, for fewer targets, or, for axes, where
+    it is less than 1.5 times the stated noise. It is never used where it is more than three times
+    that, or where the base model does not describe every family (p = 1). A variance minus the mean
+    of the others has the deviation of a jackknife over rows. Residuals are divided by their stated
+    noise. The list is empty for other kinds of observation, another set-up, or fewer than 15 rows
+    that saw all targets and close.
     """
     from scipy.special import stdtr
 

@@ -75,9 +75,7 @@ def refit(
 
 
 def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErrors:
-    """Base and tool as errors of the first and last placement, so that poses come out in
-    the known set-up.
-    """
+    """Base and tool as errors of the first and last placement, for poses in the known set-up."""
     chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
     roots = on_base(calibration.robot)

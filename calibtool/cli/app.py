@@ -77,9 +77,8 @@ class _Group(TyperGroup):
                 self._give_up(_usage(error), 2)
             if self.debug:
                 raise
-            if (
-                isinstance(error, OSError) and error.strerror is not None
-            ):  # the system's: a full disk behind --help
+            # the system's: a full disk behind --help
+            if isinstance(error, OSError) and error.strerror is not None:
                 self._give_up(f"{error.filename or 'standard streams'}: {error.strerror}", 1)
             text = " ".join(str(error).split())
             self._give_up(

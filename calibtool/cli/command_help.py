@@ -1,6 +1,4 @@
-"""Help and completion of the commands: options in groups, plain names of their values, and values
-that fit.
-"""
+"""Help and completion of the commands: options in groups, names of their values, and values."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path

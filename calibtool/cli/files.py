@@ -108,9 +108,7 @@ def read_text(path: str) -> str:
 
 @contextlib.contextmanager
 def input_stream(path: str) -> Iterator[io.BufferedReader]:
-    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first
-    without taking them.
-    """
+    """A file, or stdin for `-`, read as its bytes arrive; `peek` looks at the first ones."""
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
@@ -130,9 +128,7 @@ def input_stream(path: str) -> Iterator[io.BufferedReader]:
 
 
 def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
-    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called
-    `name` in messages.
-    """
+    """Lines of UTF-8 text as they arrive, so that memory stays small; `name` is for messages."""
     text = io.TextIOWrapper(stream, encoding="utf-8")
     count = 0
     try:
@@ -154,9 +150,7 @@ def shown(path: str) -> str:
 
 
 def stem(path: str) -> str:
-    """Name of a calibration in tables: the file's stem, or `stdin`; printable, whatever the name of
-    the file is.
-    """
+    """Name of a calibration in tables: the file's stem, printable, or `stdin`."""
     return "stdin" if path == STREAM else printable(Path(path).stem)
 
 

@@ -45,9 +45,7 @@ def recognised(path: str, head: bytes) -> str:
 
 
 def check_not_input(output: str, *inputs: str) -> None:
-    """UsageError when a program would be written over itself, or over the calibration; --force
-    does not allow it.
-    """
+    """UsageError when a program would overwrite itself or the calibration, even with --force."""
     for path in inputs:
         if STREAM in (output, path) or not Path(output).exists() or not Path(path).exists():
             continue
@@ -149,9 +147,7 @@ def compensate_folder(
 
 
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
-    """Path, bytes and language of the programs below a folder, but for what was
-    written there before.
-    """
+    """Path, bytes and language of the programs below a folder, without those in `output`."""
     found = []
     for path in sorted(Path(folder).rglob("*")):
         if not path.is_file() or path.is_relative_to(output):

@@ -47,9 +47,8 @@ def working(what: str) -> Iterator[None]:
 def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """A line on the terminal and a function that updates it; neither without a terminal."""
     global _live
-    if is_quiet() or (
-        _live is None and not sys.stderr.isatty()
-    ):  # rich puts its own stream before a terminal
+    # rich puts its own stream before a terminal
+    if is_quiet() or (_live is None and not sys.stderr.isatty()):
         yield lambda count: None
         return
     live = outer = _live

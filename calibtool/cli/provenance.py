@@ -10,9 +10,7 @@ _command: list[str] = []
 
 
 def remember_command(arguments: Sequence[str]) -> None:
-    """Keep the command line without what does not change the result: output names, --force, --json,
-    -v, -q, --debug.
-    """
+    """Keep the command line without output names, --force, --json, -v, -q, --debug."""
     _command.clear()
     skip = False
     for argument in arguments:

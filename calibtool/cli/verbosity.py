@@ -14,9 +14,7 @@ _start = perf_counter()
 
 
 def take_switches(arguments: list[str]) -> list[str]:
-    """The arguments without the switches that every command understands,
-    before and after its name.
-    """
+    """The arguments without the switches that every command understands, before and after it."""
     global _level, _start
     _start = perf_counter()
     _level = 0

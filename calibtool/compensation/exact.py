@@ -115,9 +115,7 @@ class _Search:
         )
 
     def _damped_twice(self, task: Task, A: Array, e: Array, squares: Array) -> tuple[Array, Array]:
-        """Δ and E there; where λ² = squares (N,) is not zero, solved again for the remaining
-        error.
-        """
+        """Δ and E there; where λ² = squares (N,) is not 0, solved again for the remaining error."""
         change, A, e = self._minimised(task, A, e, squares)
         near = np.flatnonzero(squares)
         if len(near):

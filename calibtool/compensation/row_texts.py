@@ -14,9 +14,7 @@ from calibtool.tables import Table, csv_lines, number
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """A batch: the table, which of its columns are kept, the corrected joints in its units,
-    and added columns.
-    """
+    """A batch: table, columns that are kept, corrected joints in its units, added columns."""
 
     table: Table
     kept: list[int]

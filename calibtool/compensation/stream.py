@@ -1,6 +1,4 @@
-"""Rows of commanded targets of any number, as CSV or newline-delimited JSON, corrected in batches
-of constant memory.
-"""
+"""Correction of any number of rows, CSV or newline-delimited JSON, in batches."""
 
 import io
 from collections import deque
@@ -47,9 +45,8 @@ _ALONE = 16  # batches before other processes help: starting them takes as long 
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17
-_JUMP = np.deg2rad(
-    60.0
-)  # between neighbours of a path: another branch, or a singularity on the way
+# between neighbours of a path: another branch, or a singularity on the way
+_JUMP = np.deg2rad(60.0)
 _Targets = tuple[Array | None, Array | None]  # joints (N, n) and T_base_tool (N, 4, 4)
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
@@ -116,9 +113,7 @@ class StreamReport:
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A batch as it was read: joints and poses (T_base_tool and their columns), if it has them,
-    and the objects of its rows.
-    """
+    """A batch as read: joints, poses (T_base_tool and their columns), and objects of its rows."""
 
     table: Table
     joints: Joints | None
@@ -220,9 +215,7 @@ def _corrections(
 
 
 class _Corrector:
-    """Corrects tables in order; keeps the last joints, from which the next pose starts, and the
-    state of the backlash.
-    """
+    """Corrects tables in order; keeps the last joints and the state of the backlash."""
 
     def __init__(
         self, calibration: Calibration, options: StreamOptions, report: StreamReport

@@ -15,9 +15,7 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BayesianRun:
-    """One training: the learned model, its history, γ effective weights and the noise over the
-    stated one (1/√β).
-    """
+    """One training: learned model, history, γ effective weights, noise over the stated (1/√β)."""
 
     network: Regressor
     history: History

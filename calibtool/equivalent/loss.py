@@ -38,9 +38,7 @@ class Loss:
         return self.t - (self.R @ network(self.q)[..., None])[..., 0]
 
     def residual_and_jacobian(self, network: Trainable) -> tuple[Array, Array]:
-        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of
-        `Regressor.weights`.
-        """
+        """Residual (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of `Regressor.weights`."""
         seen, J = network.through(self.R, self.q)
         return (self.t - seen).ravel(), J.reshape(seen.size, -1)
 

@@ -61,6 +61,4 @@ class Trainable(Regressor):
 
     @abstractmethod
     def through(self, R: Array, q: Array) -> tuple[Array, Array]:
-        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and
-        joint positions q (K, n).
-        """
+        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and joints q (K, n)."""

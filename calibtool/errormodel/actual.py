@@ -89,9 +89,7 @@ class ActualRobot:
         return self.mechanism.as_model(self.robot.lower, self.robot.upper)
 
     def directions(self, q: Array) -> Array:
-        """Directions (N, n) of each joint's last motion when driven through q (N, n) in order, from
-        home.
-        """
+        """Directions (N, n) of each joint's last motion through q (N, n) in order, from home."""
         return directions(q, start=self.robot.workspace().home)
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:

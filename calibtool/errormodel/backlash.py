@@ -36,9 +36,7 @@ class Backlash(JointFunctions):
 
 
 def backlash_text(robot: Robot, backlash: Array) -> str:
-    """Half widths (n,) of all joints for people: `0.104, 0.098 mrad`,
-    with mm for prismatic ones.
-    """
+    """Half widths (n,) of all joints for people: `0.104, 0.098 mrad`, in mm if prismatic."""
     units = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
     if len(set(units)) == 1:
         return ", ".join(f"{value * 1e3:.3f}" for value in backlash) + f" {units[0]}"

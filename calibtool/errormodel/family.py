@@ -20,9 +20,7 @@ COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Commanded rows: joint positions q (N, n) in rad or m, conditions, and the nominal robot's
-    state there.
-    """
+    """Commanded rows: joints q (N, n) in rad or m, conditions, and the nominal robot's state."""
 
     robot: Robot
     q: Array

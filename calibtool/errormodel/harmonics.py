@@ -1,6 +1,4 @@
-"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) +
-b_jh cos(h q_j).
-"""
+"""Harmonics of the joint motions, as of eccentric gears: Σ_h a_jh sin(h q_j) + b_jh cos(h q_j)."""
 
 import numpy as np
 
@@ -86,9 +84,7 @@ class Harmonics(JointFunctions):
 
 
 def harmonic_functions(q: Array, count: int) -> Array:
-    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) →
-    (N, n, 2 count).
-    """
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`: q (N, n) → (N, n, 2 count)."""
     result = np.empty((*q.shape, 2 * count))
     if not count:
         return result

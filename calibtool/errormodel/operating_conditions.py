@@ -46,9 +46,7 @@ class Conditions:
             yield replace(self, direction=None).rows(rows[0]), rows
 
     def anywhere(self, shape: tuple[int, ...], rng: np.random.Generator) -> Self:
-        """Conditions for joint positions of a shape (N, n), drawn from these rows; unknown ones
-        stay unknown.
-        """
+        """Conditions for joints (N, n), drawn from these rows; unknown ones stay unknown."""
         direction = (
             None if self.direction is None else readonly(rng.choice([-1.0, 1.0], size=shape))
         )

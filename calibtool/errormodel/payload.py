@@ -63,9 +63,7 @@ class Payload(Family):
         return result
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """The bending to first order: a turn about the origin of F0_j; its other errors are
-        neglected.
-        """
+        """The bending to first order: a turn about the origin of F0_j, without its other errors."""
         along, across = moments(context.rows)
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         bend = turn_columns(before, across[..., None])
@@ -78,9 +76,7 @@ class Payload(Family):
 
 
 def moments(rows: Rows) -> tuple[Array, Array]:
-    """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it
-    in F0_j (N, n, 3).
-    """
+    """Moments of the payload's weight, N m: along each axis (N, n), across it in F0_j (N, n, 3)."""
     frames, robot = rows.nominal, rows.robot
     if frames.jacobian is not None:
         return _work(rows, frames.jacobian), np.zeros((*rows.q.shape, 3))
@@ -107,8 +103,8 @@ def _work(rows: Rows, jacobian: Array) -> Array:
 
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
-    """Largest moments of 1 kg along and across each joint over fixed configurations of the joint
-    range: (n, 2) N m.
+    """Largest moments of 1 kg along and across each joint, over fixed configurations: (n, 2) N
+    m.
     """
     from calibtool.errormodel.operating_conditions import Conditions
 

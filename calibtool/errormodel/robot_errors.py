@@ -56,9 +56,7 @@ class RobotErrors:
         )
 
     def moved(self, **steps: Array) -> Self:
-        """The errors after steps (`Family.moved`) of some families; a step may be of another
-        order than the value.
-        """
+        """The errors after steps (`Family.moved`) of some families, perhaps of other orders."""
         values = {}
         for name, step in steps.items():
             family = BY_ID[name]

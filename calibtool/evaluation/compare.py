@@ -237,9 +237,7 @@ def _pose_test(
     refit: bool,
     outside: OutsidePolicy,
 ) -> PoseTest | None:
-    """ISO 9283 where configurations were repeated. It needs measured points: a simulation without
-    noise has none.
-    """
+    """ISO 9283 for repeated configurations with measured points; None for others."""
     measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     poses = repeated_poses(
         measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3]

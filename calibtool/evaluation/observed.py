@@ -13,9 +13,7 @@ from calibtool.robot.se3 import Array, log3, transform_points
 def errors_against(
     name: str, measurements: Measurements, setup: Setup, pose: Array
 ) -> MethodErrors:
-    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4) in
-    a set-up, in K_0.
-    """
+    """Measured minus predicted observations for poses (N, 4, 4) in a set-up, in K_0."""
     readings = measured_in_base(measurements, setup)
     if setup.kind.id == "points":
         return point_errors(name, readings.points, pose, setup)

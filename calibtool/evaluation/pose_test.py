@@ -1,6 +1,4 @@
-"""Pose accuracy AP and pose repeatability RP after ISO 9283, from configurations that were measured
-again and again.
-"""
+"""Pose accuracy AP and repeatability RP after ISO 9283, from repeated configurations."""
 
 from dataclasses import dataclass, replace
 from typing import Self

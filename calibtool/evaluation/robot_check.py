@@ -23,9 +23,7 @@ _DESIGN_SAMPLES = 100
 
 @dataclass(frozen=True)
 class WorkspaceCheck:
-    """A workspace: its tool position at home (m, K_0), and how far home and 200 of its poses are
-    from a singularity.
-    """
+    """A workspace: tool position at home (m, K_0), singularity distance of home and 200 poses."""
 
     name: str
     home: Array
@@ -172,9 +170,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
 
 
 def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
-    """The loops, their passive and idle joints; closes: the share of the joint range in which they
-    close.
-    """
+    """The loops, passive and idle joints; closes: part of the joint range in which they close."""
     tree = robot.chain.tree
     if tree is None or not isinstance(robot.chain, ClosedChain):
         return None

@@ -5,7 +5,7 @@ from math import degrees
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.export.not_held import not_held
+from calibtool.export.unrepresented_parts import not_held
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.denavit_hartenberg import DhConvention, DhRow, DhTable
 from calibtool.robot.robot import Robot
@@ -57,9 +57,7 @@ def dh_table(placements: Array, prismatic: list[bool], convention: DhConvention)
 
 
 def dh_csv(table: DhTable, robot: Robot, missing: list[str]) -> str:
-    """The text of a table, with limits in deg or mm, and in its head a list of what it does not
-    hold.
-    """
+    """The text of a table, with limits in deg or mm, and at its head what it does not hold."""
     head = [
         f"DH parameters of {robot.name}, calibrated; {table.convention} convention; "
         "K_0 to the tool",

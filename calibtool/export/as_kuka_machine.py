@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.export.not_held import all_together
+from calibtool.export.unrepresented_parts import all_together
 from calibtool.export.urdf_geometry import fit_configurations
 from calibtool.robot.kuka_machine import AXES, SIGNS, MachineData
 from calibtool.robot.robot import Robot

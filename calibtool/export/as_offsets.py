@@ -1,11 +1,9 @@
-"""A calibration as joint offsets alone: corrections of the mastering, fitted to the calibrated
-robot.
-"""
+"""A calibration as joint offsets alone, for the mastering, fitted to the calibrated robot."""
 
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.export.not_held import not_held
+from calibtool.export.unrepresented_parts import not_held
 from calibtool.export.urdf_geometry import joint_basis, urdf_geometry
 from calibtool.robot.coupling import JointValues
 

@@ -7,9 +7,9 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
+from calibtool.export.closed_loop_network import Taught
 from calibtool.export.layers import layers
 from calibtool.export.rendering import Precision, left_out
-from calibtool.export.taught import Taught
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import readonly
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.export.not_held import not_held
+from calibtool.export.unrepresented_parts import not_held
 from calibtool.export.urdf_geometry import full_basis, urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.ur_frames import FRAMES

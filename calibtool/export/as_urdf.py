@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
-from calibtool.export.not_held import not_held
 from calibtool.export.rendering import in_xml_comment, render
+from calibtool.export.unrepresented_parts import not_held
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6

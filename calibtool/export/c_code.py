@@ -6,8 +6,8 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.closed_loop_code import taught_c, taught_values
 from calibtool.export.rendering import LINE, Precision, compensator_values, digits, render, wrapped
-from calibtool.export.taught_code import taught_c, taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
@@ -91,9 +91,7 @@ def _row(number: Any, values: Array) -> str:
 
 
 def _stack(values: dict[str, Any], size: int) -> int:
-    """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on
-    a 64-bit machine.
-    """
+    """Bytes of stack of one correction at the deepest call, under gcc -O2 on a 64-bit machine."""
     n, network = values["n"], values["network"]
     if not values["corrects"]:
         return 50

@@ -218,9 +218,7 @@ def _cost(
     turns: dict[str, Any] | None,
     converted: bool,
 ) -> str:
-    """Number of operations of one correction, counted in the generated C code for an undamped
-    step.
-    """
+    """Number of operations of one correction in the generated C code, for an undamped step."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, layers(calibration.network)
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
@@ -273,9 +271,7 @@ def _varying(motion: dict[str, Any], turns: dict[str, Any] | None) -> bool:
 
 
 def _conditions(calibration: Calibration) -> str:
-    """The payload and temperature for which it is, in words; empty where it does not depend on
-    them.
-    """
+    """The payload and temperature for which it is, in words; empty without such errors."""
     rows = Rows(calibration.robot, np.zeros((1, calibration.robot.n)), calibration.conditions)
     words = {
         "payload": f"{float(rows.payload):g} kg at the tool",

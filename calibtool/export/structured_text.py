@@ -8,6 +8,7 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.closed_loop_code import taught_values
 from calibtool.export.rendering import (
     Code,
     Precision,
@@ -16,7 +17,6 @@ from calibtool.export.rendering import (
     render,
     wrapped,
 )
-from calibtool.export.taught_code import taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
@@ -89,9 +89,7 @@ def _array(number: Any, values: Array) -> str:
 
 
 def _memory(declarations: str, n: int, size: int) -> int:
-    """Bytes of the declared numbers, with q and q_corrected; padding by the controller is not
-    included.
-    """
+    """Bytes of the declared numbers, with q and q_corrected, without the controller's padding."""
     total = 2 * n * size + 2
     for names, ranges, kind in re.findall(
         r"^ +(\w[\w, ]*) : (?:ARRAY\[(.*?)\] OF )?(\w+)", declarations, re.MULTILINE

@@ -46,9 +46,7 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
 
 
 def fit_configurations(calibration: Calibration) -> Array:
-    """Configurations of the calibration and as many from the same region, (2 · 500, n) in rad or
-    m.
-    """
+    """Configurations of the calibration and as many near them, (2 · 500, n) in rad or m."""
     known = calibration.q
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     return np.concatenate([_sample(calibration, 2 * _SAMPLE)[:_SAMPLE], as_many])
@@ -104,9 +102,7 @@ def fitted_geometry(
 
 
 def _sample(calibration: Calibration, count: int) -> Array:
-    """Configurations (count, n) of the default workspace, or of the calibration's joint range
-    where it is another.
-    """
+    """Configurations (count, n) of the default workspace, or of the calibration's joint range."""
     robot, q, rng = calibration.robot, calibration.q, np.random.default_rng(0)
     workspace = robot.workspace()
     if workspace.bounded:

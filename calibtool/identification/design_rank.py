@@ -61,9 +61,7 @@ def observability(
 
 
 def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targets: bool) -> Array:
-    """Columns of all configurations, reduced to the R of a QR decomposition: the same singular
-    values and null space.
-    """
+    """Columns of all configurations as the R of a QR: same singular values and null space."""
     context = State.nominal(robot, setup).errors.context(q)
     frames, columns = context.frames, parameters.pose_columns(context)
     if targets:

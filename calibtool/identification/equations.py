@@ -108,9 +108,7 @@ def _add_functions(
     offsets: Array,
     residual: Array,
 ) -> None:
-    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n)
-    with everything.
-    """
+    """Rows and columns of the joint functions, from products of the offset columns (N, d, n)."""
     functions = _by_joint(parameters, context)
     with_own = np.swapaxes(offsets, 1, 2) @ own  # (N, n, rest)
     with_offsets = np.swapaxes(offsets, 1, 2) @ offsets

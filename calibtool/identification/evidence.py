@@ -196,8 +196,9 @@ def widened(
 def _re_estimated(
     parameters: Parameters, theta: Array, remaining: Array, prior_std: Array
 ) -> Array:
-    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances
-    keep their ratios. remaining (p,): variance of θ over that of its tolerance.
+    """One factor per family and kind of element: s² ← Σ θ² / γ; tolerances keep their ratios.
+
+    remaining (p,): variance of θ over that of its tolerance.
     """
     result = prior_std.copy()
     determined = 1.0 - remaining

@@ -120,9 +120,7 @@ class Identification:
 
 
 def split_rms(residual: Array, measurements: Measurements) -> tuple[float, float | None]:
-    """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad
-    where it is measured.
-    """
+    """RMS per coordinate of residuals (N, d): positions in m, orientation in rad if measured."""
     setup = measurements.setup
     seen = setup.kind.weights(measurements.readings, 1.0, 1.0) > 0
     lengths = setup.kind.lengths(setup)

@@ -129,7 +129,7 @@ def identify_local_poe(measurements: Measurements) -> Identification:
 
 
 def _placements(robot: Robot, setup: Setup) -> Parameters:
-    """δζ; free targets take the place of the tool's own error, the two cannot be told apart."""
+    """δζ; free targets replace the tool's own error, because the data cannot distinguish them."""
     every = Parameters.of(robot, setup)
     part = next(part for part in every.parts if part.family.id == "placements")
     part = replace(part, elements=part.elements if setup.targets_known else part.elements[:-6])

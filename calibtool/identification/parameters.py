@@ -1,6 +1,4 @@
-"""The parameters of a model as one vector: families of errors, then the unknown
-part of the set-up.
-"""
+"""The parameters of a model as one vector: families of errors, then the free set-up."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -65,9 +63,7 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """Parameters for a robot in a set-up: families of these orders, and those that are always
-        identified.
-        """
+        """Parameters for a robot in a set-up: families of these orders, and those always found."""
         parts = []
         for family in FAMILIES:
             if order := int(orders.get(family.id, family.always)):
@@ -79,9 +75,7 @@ class Parameters:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """Slices of every family, base and targets in the vector; empty for those without
-        parameters.
-        """
+        """Slices of every family, base and targets in the vector; empty without parameters."""
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
         for name in (*BY_ID, "base", "targets"):
@@ -123,9 +117,7 @@ class Parameters:
 
     @cached_property
     def names(self) -> list[str]:
-        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2,
-        backlash1, base.x, target1.z.
-        """
+        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, backlash1, base.x …."""
         return self._names([part.family.symbol for part in self.parts])
 
     @cached_property
@@ -162,8 +154,8 @@ class Parameters:
 
     @cached_property
     def sections(self) -> list[tuple[Family, np.ndarray]]:
-        """Families and indices (k,) of parameters that are chosen together; not of those that are
-        always identified.
+        """Families and indices (k,) of parameters chosen together, without those always
+        identified.
         """
         result = []
         for part in self.parts:
@@ -179,9 +171,7 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
-        """Prior standard deviation of every parameter (p,), SI; by default the
-        robot's tolerances.
-        """
+        """Prior standard deviations (p,) of the parameters, SI; by default the tolerances."""
         stated = tolerances or Tolerances.of_robot(self.robot)
         parts = [
             p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts
@@ -216,9 +206,7 @@ class Parameters:
         return every + [None] * (self.count - len(every))
 
     def function_parts(self) -> list[tuple[Part, slice]]:
-        """Families whose columns are those of the joint offsets times functions of a row, and
-        where they stand.
-        """
+        """Families whose columns are those of the offsets times functions, with their indices."""
         return [
             (p, self.blocks[p.family.id])
             for p in self.parts
@@ -226,9 +214,7 @@ class Parameters:
         ]
 
     def pose_columns(self, context: Context, functions: bool = True) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of
-        `function_parts` are left out.
-        """
+        """∂δy/∂θ without the targets (N, 6, p − targets), perhaps without `function_parts`."""
         parts = [p for p in self.parts if functions or not isinstance(p.family, JointFunctions)]
         blocks = [part.family.columns(part.shape, context)[:, :, part.elements] for part in parts]
         if self.frame_free:

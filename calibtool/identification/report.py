@@ -75,7 +75,7 @@ def parameter_table(identifications: list[tuple[str, Identification]]) -> str:
 
 
 def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that the data can hardly tell apart, largest correlation first."""
+    """Pairs of parameters that the data hardly distinguish, largest correlation first."""
     std = np.sqrt(np.diag(posterior.covariance))
     correlation = posterior.covariance / np.outer(std, std)
     rows, columns = np.triu_indices(len(correlation), k=1)

@@ -1,6 +1,4 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether flagged rows form a
-region.
-"""
+"""Rows that do not fit: weights of robust loss functions, flags, regions of flagged rows."""
 
 from typing import Literal
 
@@ -107,9 +105,7 @@ def _log_choose(n: int, k: np.ndarray | int) -> Array:
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
-    """The joint and its interval in which flagged rows crowd, if chance would hardly do that
-    (hypergeometric test).
-    """
+    """The joint and its interval in which flagged rows concentrate (hypergeometric test)."""
     count, flagged = len(measurements), len(rows)
     if flagged < 3:
         return None
@@ -117,9 +113,8 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
     for j in range(measurements.robot.n):
         values = measurements.q[:, j]
         own = np.sort(values[rows])
-        take = max(
-            3, int(np.ceil(0.7 * flagged))
-        )  # most of the flagged rows; stragglers may lie elsewhere
+        # most of the flagged rows; stragglers may lie elsewhere
+        take = max(3, int(np.ceil(0.7 * flagged)))
         for start in range(flagged - take + 1):
             low, high = own[start], own[start + take - 1]
             inside = int(((values >= low) & (values <= high)).sum())

@@ -1,6 +1,4 @@
-"""Whether measurements are enough for the model: refused where they cannot be, a warning where
-they hardly are.
-"""
+"""Whether there are enough measurements for the model: refusal where not, or a warning."""
 
 from calibtool.errors import NoSolutionError
 from calibtool.identification.identification import Identification
@@ -10,9 +8,7 @@ _RIGID = 6  # things that a configuration shows of a rigid tool
 
 
 def check_rows(measurements: Measurements) -> None:
-    """NoSolutionError where the rows give fewer equations than the set-up and one zero per joint
-    have unknowns.
-    """
+    """NoSolutionError for fewer equations than the set-up and one zero per joint have unknowns."""
     setup, robot = measurements.setup, measurements.robot
     unknowns = 6 * (not setup.frame_known) + robot.n
     unknowns += len(setup.free_names)
@@ -28,9 +24,7 @@ def check_rows(measurements: Measurements) -> None:
 
 
 def few_rows(identification: Identification, configurations: int) -> str | None:
-    """A warning where the configurations give fewer equations than there are directions to
-    determine, None otherwise.
-    """
+    """A warning for fewer equations than there are directions to determine, otherwise None."""
     if identification.posterior is None:
         return None
     shown = _shown(identification.setup.kind.coordinates(identification.setup))

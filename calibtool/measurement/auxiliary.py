@@ -1,6 +1,4 @@
-"""Auxiliary readings of instrument and controller: joints as read, time, temperature, reference
-points.
-"""
+"""Auxiliary readings of instrument and controller: read joints, time, temperature, references."""
 
 from dataclasses import dataclass, fields
 from typing import Self

@@ -54,9 +54,7 @@ def circle_start(measurements: Measurements) -> Array | None:
 
 
 def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
-    """For each joint, the largest set of four or more rows of q (N, n) in which only this joint
-    moves.
-    """
+    """For each joint, the largest set of at least four rows of q (N, n) in which it moves alone."""
     found = {}
     for j in range(q.shape[1]):
         others = np.delete(q, j, axis=1).round(6)
@@ -94,9 +92,7 @@ def circle_axis(angles: Array, points: Array) -> Line | None:
 
 
 def _frame(first: Line, second: Line) -> Array | None:
-    """The frame that two lines define: z along the first, x along the common normal, origin at its
-    foot on the first.
-    """
+    """The frame of two lines: z along the first, x along the common normal, origin on the first."""
     normal = np.cross(first.direction, second.direction)
     sine = np.linalg.norm(normal)
     if sine < _PARALLEL:

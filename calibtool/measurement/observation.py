@@ -40,9 +40,7 @@ def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> A
 
 
 def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
-    """The same divided by the stated noise (N, d), along the instrument's axes where the noise
-    differs by axis.
-    """
+    """The same divided by the stated noise (N, d), along the instrument's axes if it differs."""
     return _whitened(measurements, setup, residuals(measurements, setup, T_base_tool)[..., None])[
         ..., 0
     ]
@@ -93,9 +91,7 @@ def target_columns(setup: Setup, T_base_tool: Array, place: np.ndarray | None = 
 
 
 def weights(measurements: Measurements) -> Array:
-    """1/σ of every coordinate of every observation, 0 where a target was not seen: (N, d),
-    see `_whitened`.
-    """
+    """1/σ of every coordinate, 0 where a target was not seen: (N, d), see `_whitened`."""
     readings = measurements.readings
     if measurements.deviations is None:
         stated = measurements.noise_position, measurements.noise_orientation

@@ -1,6 +1,4 @@
-"""Motion of the instrument relative to the base, from repeated readings of points fixed to the
-base.
-"""
+"""Motion of the instrument relative to the base, from repeated readings of fixed points."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -102,9 +100,7 @@ class InstrumentMotion:
         return back, None if rotations is None else np.swapaxes(R, 1, 2) @ rotations
 
     def deviation(self, points: Array) -> float:
-        """Largest standard deviation of the correction over the knots at points (P, 3), rms over
-        them, m.
-        """
+        """Largest standard deviation of the correction at points (P, 3), rms over them, m."""
         J = _columns(points - self.centre)
         variances = np.einsum("pai,kij,paj->kp", J, self.covariance, J)
         return float(np.sqrt(variances.mean(axis=1).max(initial=0.0)))
@@ -238,8 +234,8 @@ class _Readings:
         return twists, covariance, float(np.sqrt(rest / freedom))
 
     def _normal(self, free: tuple[int, ...], about: Array) -> tuple[Array, Array, float, int]:
-        """Normal equations A x = b about twists (K, 6), the power of the readings, m², and how
-        many coordinates were read.
+        """Normal equations A x = b about twists (K, 6), power of the readings, m², and their
+        number.
         """
         count, k = self.points.shape[:2]
         chosen = _elements(free)
@@ -265,9 +261,7 @@ class _Readings:
         return A, b, power, 3 * int(seen.sum())
 
     def _prior(self, free: tuple[int, ...], sizes: Array) -> tuple[Array, float]:
-        """Precision of the Brownian motions, in units of the noise, and half the logarithm of its
-        determinant.
-        """
+        """Precision of the Brownian motions over the noise, and half the log of its determinant."""
         weights, count = np.exp(-2 * np.repeat(sizes, 3)), len(self.steps)
         differences = np.eye(count) - np.eye(count, k=-1)  # the first knot stands at zero
         steps = (differences.T / self.steps) @ differences

@@ -218,9 +218,7 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
 
 
 def _placed(poses: Array, targets: Array, points: Array, place: np.ndarray, count: int) -> Array:
-    """T_instrument_base of the `count` places from which targets on the tool are seen best: (count,
-    4, 4).
-    """
+    """T_instrument_base of the `count` places that see the targets best: (count, 4, 4)."""
     predicted = transform_points(poses, targets)
     seen = ~np.isnan(points[..., 0])
     return np.array(

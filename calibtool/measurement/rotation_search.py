@@ -1,6 +1,4 @@
-"""Least squares over rotations: minima of a quadratic form of the nine elements
-from many starts.
-"""
+"""Minima over all rotations of a quadratic form of the nine elements, from many starts."""
 
 from dataclasses import dataclass
 
@@ -19,9 +17,7 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class RotationForm:
-    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9)
-    and g = Eᵀe (9,).
-    """
+    """f(C) = |E vec(C) − e|² / 2, vec row by row, as M = EᵀE (9, 9) and g = Eᵀe (9,)."""
 
     M: Array
     g: Array
@@ -55,9 +51,8 @@ class RotationForm:
         from scipy.spatial.transform import Rotation
 
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
-        rounding = 1e-13 * (
-            np.abs(self.M).max() + np.abs(self.g).max()
-        )  # the last steps lower nothing that can be seen
+        # the last steps lower nothing that can be seen
+        rounding = 1e-13 * (np.abs(self.M).max() + np.abs(self.g).max())
         for _ in range(_ITERATIONS):
             step = self._newton_step(C) * reach[:, None]
             length = np.linalg.norm(step, axis=-1)

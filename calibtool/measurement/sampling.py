@@ -73,9 +73,7 @@ def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Genera
 
 
 def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
-    """Joint positions for poses of the box and cone (N, 4, 4); rows that are not reached, or left
-    the box, are dropped.
-    """
+    """Joints for poses of the box and cone (N, 4, 4), without rows that are not reached."""
     home = workspace.home
     solved = solve_poses(
         robot.mechanism.forward_and_jacobian,

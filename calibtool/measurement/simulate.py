@@ -16,10 +16,11 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 from calibtool.robot.workspace import Workspace
 
+# m: less is none at all, for which the weights still need a figure
 SMALLEST_NOISE, NO_NOISE = (
     1e-9,
     1e-6,
-)  # m: less is none at all, for which the weights still need a figure
+)
 _DRAWN_AGAIN = 20  # times, configurations at which closed loops of the actual robot do not close
 ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
 
@@ -131,9 +132,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def _sampled(
     robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
 ) -> Array:
-    """Configurations of the workspace; with closed loops those at which the loops of the actual
-    robot close.
-    """
+    """Configurations of the workspace at which the loops of the actual robot close."""
     wanted, workspace = simulation.configurations, simulation.workspace
     q: Array = sample_configurations(robot, workspace, wanted, rng)
     if robot.chain.tree is None:
@@ -191,9 +190,7 @@ def _by_instrument(
 def observe(
     actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None
 ) -> Array:
-    """Target points (N, m, 3) in the instrument's frame, m, without noise, for q (N, n) in rad or
-    m.
-    """
+    """Target points (N, m, 3) in the instrument's frame, m, without noise, for q (N, n)."""
     return transform_points(setup.T_instrument_base @ actual.forward(q, conditions), setup.targets)
 
 

@@ -36,9 +36,7 @@ class JointStream:
         return cls(readonly(times[order][first]), readonly(q[order][first]), readonly(stamps))
 
     def at(self, offset: float) -> tuple[Array, Array]:
-        """Joint positions and their rates (N, n) at the stamps plus an offset, linear between the
-        rows of the stream.
-        """
+        """Joints and their rates (N, n) at the stamps plus an offset, linearly interpolated."""
         after, part = self._between(offset)
         step = self.q[after] - self.q[after - 1]
         return self.q[after - 1] + part * step, step / np.diff(self.times)[after - 1, None]
@@ -49,9 +47,7 @@ class JointStream:
         return found
 
     def gaps(self) -> Array:
-        """How far apart the rows of the stream are round each stamp, s: (N,); infinite outside of
-        the stream.
-        """
+        """Distance of the rows of the stream around each stamp, s: (N,); infinite outside."""
         after, _ = self._between(self.offset)
         instants = self.stamps + self.offset
         inside = (instants >= self.times[0]) & (instants <= self.times[-1])
@@ -63,9 +59,7 @@ class JointStream:
         return replace(self, stamps=readonly(self.stamps[index]))
 
     def _between(self, offset: float) -> tuple[np.ndarray, Array]:
-        """The row of the stream after each stamp, and which part of the way to it is gone: (N,),
-        (N, 1).
-        """
+        """The row of the stream after each stamp, and the part of the way to it: (N,), (N, 1)."""
         instants = self.stamps + offset
         after = np.searchsorted(self.times, instants).clip(1, len(self.times) - 1)
         part = (instants - self.times[after - 1]) / np.diff(self.times)[after - 1]

@@ -1,3 +1,1 @@
-"""Planning: configurations to measure, constraints, visiting order, and poses of an acceptance
-test.
-"""
+"""Configurations to measure, constraints, visiting order, poses of an acceptance test."""

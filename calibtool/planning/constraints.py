@@ -1,6 +1,4 @@
-"""Constraints on configurations: joint margins, singularities, floor, keep-out boxes, line of
-sight.
-"""
+"""Constraints: joint margins, singularities, floor, keep-out boxes, line of sight."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -203,9 +201,7 @@ def _again(q: Array, accepted: Sequence[Rows]) -> np.ndarray:
 
 
 def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
-    """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to
-    tool and to targets.
-    """
+    """Ends (N, s, 3) of the straight parts of the arm in K_0: between joints, flange to targets."""
     frames = robot.mechanism.frames(q)
     if frames.cuts is not None:
         moving = np.array(robot.chain.placed_on) >= 0
@@ -224,9 +220,7 @@ def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
 
 
 def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
-    """Whether straight pieces (…, 3) touch a box (6,) of lower and upper corner, by
-    slabs: (…,) bool.
-    """
+    """Whether straight parts (…, 3) touch a box (6,), lower and upper corner: (…,) bool."""
     way = end - start
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)  # a piece along a face: far away or everywhere
     first, second = (box[:3] - start) / way, (box[3:] - start) / way
@@ -251,10 +245,11 @@ def inside(robot: Robot, workspace: Workspace, q: Array) -> np.ndarray:
     if robot.n < 6:
         return result
     x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
+    # swing, then twist about z
     tilt, turn = (
         2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)),
         2 * np.arctan2(z, w),
-    )  # swing, then twist about z
+    )
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
     result &= (tilt <= workspace.cone + 1e-9) & (turn <= workspace.roll + 1e-9)
     return result

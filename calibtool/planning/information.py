@@ -1,6 +1,4 @@
-"""Prior information and the information of a configuration: rows of the whitened identification
-matrix.
-"""
+"""Prior information, and that of a configuration: rows of the whitened matrix."""
 
 from dataclasses import dataclass, replace
 from typing import Self

@@ -216,8 +216,8 @@ class InstrumentRows:
 
 
 def _board_and_camera(setup: Setup) -> tuple[Array, Array, bool]:
-    """What the tool carries (4, 4), what stands in the cell (G, 4, 4), and whether the former is
-    the camera.
+    """Object on the tool (4, 4), objects in the cell (G, 4, 4), and whether the first is a
+    camera.
     """
     if setup.T_tool_camera is not None and setup.T_base_boards is not None:
         return setup.T_tool_camera, setup.T_base_boards, True

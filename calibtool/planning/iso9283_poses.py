@@ -1,6 +1,4 @@
-"""Poses of an acceptance test after ISO 9283: five on a diagonal plane of a cube,
-visited in cycles.
-"""
+"""Poses of an ISO 9283 test: five on a diagonal plane of a cube, visited in cycles."""
 
 from dataclasses import dataclass
 
@@ -43,9 +41,7 @@ class TestCube:
     joint_values: JointValues = "serial"
 
     def table(self, cycles: int) -> str:
-        """CSV of the joints for a number of cycles, with columns `pose` (P1 … P5) and
-        `cycle` (from 1).
-        """
+        """CSV of the joints for some cycles, with columns `pose` (P1 … P5) and `cycle` (from 1)."""
         order = np.tile(_VISITED, cycles)
         extra = {
             "pose": [POSES[k] for k in order],
@@ -69,9 +65,7 @@ class TestCube:
 
 
 def five_poses(T_base_centre: Array, edge: float) -> Array:
-    """P1 … P5 (5, 4, 4) of a cube of an edge in m round the position of a pose (4, 4), with
-    its orientation.
-    """
+    """P1 … P5 (5, 4, 4) of a cube of an edge in m round a pose (4, 4), with its orientation."""
     pose = np.tile(T_base_centre, (5, 1, 1))
     pose[:, :3, 3] += _INWARD * edge / 2 * _CORNERS
     return pose

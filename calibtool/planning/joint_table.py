@@ -16,9 +16,8 @@ _DECIMALS = 6  # of a degree or mm: 0.05 µm at 3 m, and no joint list needs mor
 
 def in_columns(robot: Robot, q: Array, joint_values: JointValues = "serial") -> Array:
     """Joint positions (N, n), rad or m, in columns `robot.columns(joint_values)`, as written."""
-    result: Array = (
-        np.round(robot.serial_as(joint_values, q) / _factors(robot), _DECIMALS) + 0.0
-    )  # no −0
+    # no −0
+    result: Array = np.round(robot.serial_as(joint_values, q) / _factors(robot), _DECIMALS) + 0.0
     return result
 
 

@@ -1,6 +1,4 @@
-"""Observability indices of a set of configurations, as the literature on pose
-selection defines them.
-"""
+"""Observability indices of a set of configurations, as defined in the literature."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""A measurement plan: the most informative configurations, predicted accuracy, and the table to
-drive.
-"""
+"""A measurement plan: the most informative configurations, and the predicted accuracy."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -217,9 +215,7 @@ def make_plan(
 
 
 def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) -> Array:
-    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the
-    range, to the limits.
-    """
+    """Configurations near q (N, n), with random steps of about half of the joints."""
     repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
     step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
     result: Array = np.clip(

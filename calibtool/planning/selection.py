@@ -65,9 +65,8 @@ def improve(
 def _exchanged(rows: Array, information: Array, moments: Array | None, count: int) -> np.ndarray:
     chosen = list(range(count))
     for _ in range(_PASSES):
-        design = _Design(
-            rows, information + _information(rows[chosen]), moments
-        )  # afresh: rounding does not pile up
+        # afresh: rounding does not pile up
+        design = _Design(rows, information + _information(rows[chosen]), moments)
         exchanged = False
         for position, old in enumerate(chosen):
             design.move(old, -1)

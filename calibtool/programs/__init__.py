@@ -1,3 +1,1 @@
-"""Correction of controller programs: targets are found in the text, corrected, and only their
-numbers are rewritten.
-"""
+"""Correction of controller programs: only the numbers of their targets are rewritten."""

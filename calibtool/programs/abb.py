@@ -103,9 +103,7 @@ class _Module:
     # --- data ----------------------------------------------------------------------------------
 
     def declare(self, places: dict[str, tuple[int, int]], sources: Sequence[ProgramText]) -> None:
-        """The values of data when the program begins. places: text and line of each variable's
-        declaration.
-        """
+        """The values of data when the program begins. places: text and line of declarations."""
         values, declared = self.values, self.values.declared
         for statement, scopes in placed(self.code, values.text.number):
             values.scopes = scopes
@@ -288,9 +286,7 @@ class _Module:
             yield from self.changes.arguments(self.values, "%…%", given, line)
 
     def _changed(self, name: str, given: Sequence[Argument], line: int) -> Iterator[Step]:
-        """The arguments that an instruction of the controller may change: all but those it is known
-        to read.
-        """
+        """The arguments that a controller's instruction may change: those it may not only read."""
         values = self.values
         if not is_motion(values, name, given):
             yield from self.changes.arguments(values, name, given, line)

@@ -23,9 +23,7 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions that are corrected, in the order of the literals, and the reasons for the
-    others.
-    """
+    """Positions that are corrected, in the order of the literals; reasons for the others."""
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)

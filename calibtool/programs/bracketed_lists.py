@@ -13,18 +13,14 @@ _DEEPEST = 5  # lists in lists; a position takes two, an array of them three
 
 @dataclass(frozen=True)
 class Item:
-    """An element: characters start to end; `parts` are the elements of a list in square brackets,
-    None for a word.
-    """
+    """An element: characters start to end; `parts` of a list in square brackets, else None."""
 
     start: int
     end: int
     parts: tuple["Item", ...] | None = None
 
     def shape(self) -> tuple[int, ...] | None:
-        """Numbers of words in a list of lists, as (3, 4, 4, 6); None for a word or for deeper
-        or mixed nesting.
-        """
+        """Numbers of words in a list of lists, as (3, 4, 4, 6); None for another nesting."""
         if self.parts is None or any(part.parts is None for part in self.parts):
             return None
         if any(inner.parts is not None for part in self.parts for inner in part.parts or ()):
@@ -70,9 +66,7 @@ def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
 
 
 def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
-    """The element in code[start:end] without blanks around it. Lists nested deeper than `depth`
-    count as a word.
-    """
+    """The element in code[start:end] without blanks; lists deeper than `depth` are words."""
     inner = code[start:end]
     start += len(inner) - len(inner.lstrip())
     end = max(start, end - (len(inner) - len(inner.rstrip())))

@@ -151,9 +151,7 @@ def _solve(
 
 @dataclass(eq=False)
 class _Search:
-    """Solutions for poses (N, 4, 4) from several starts, nearest to `near` (N, n) and on the
-    required branches.
-    """
+    """Solutions for poses (N, 4, 4), nearest to `near` (N, n), on the required branches."""
 
     controller: Controller
     T: Array
@@ -186,9 +184,7 @@ class _Search:
         )
 
     def near_starts(self, rows: np.ndarray) -> Array:
-        """Starts whose poses are near those of the rows, on the required branches: (rows, _NEAR,
-        n).
-        """
+        """Starts with poses near the rows', on the required branches: (rows, _NEAR, n)."""
         robot = self.controller.robot
         every = starts_of(robot)
         seeds = np.empty((len(rows), _NEAR, robot.n))
@@ -219,8 +215,8 @@ class _Search:
         return np.broadcast_to(seeds, (len(rows), *seeds.shape))
 
     def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
-        """Which rows have a solution on the required branch from their starts (rows, k, n), and the
-        nearest one.
+        """Rows with a solution on the required branch from starts (rows, k, n); the nearest
+        ones.
         """
         robot, (count, tries) = self.controller.robot, seeds.shape[:2]
         held = list(robot.external.values())
@@ -241,9 +237,7 @@ class _Search:
         return found, best
 
     def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
-        """Which joint positions q (rows, n) are on the required branch, and the same in the
-        required turn.
-        """
+        """Which joints q (rows, n) are on the required branch, and the same in its turn."""
         robot = self.controller.robot
         turned = _near_turn(robot, q, self.near[rows])
         meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)

@@ -41,9 +41,7 @@ def compensate_program(
 
 @contextmanager
 def _without_collector() -> Iterator[None]:
-    """Switch off the garbage collector: there are no reference cycles here, and it costs a quarter
-    of the time.
-    """
+    """No garbage collection: there are no reference cycles, and it takes a quarter of the time."""
     enabled = gc.isenabled()
     gc.disable()
     try:

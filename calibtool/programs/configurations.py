@@ -53,9 +53,7 @@ class Configuration(Protocol):
         """Whether the joints are in the turns that are meant."""
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        """Integers that have to change, with their new values, where the correction took a joint
-        into another turn.
-        """
+        """Integers that have to change, with new values, after a correction to another turn."""
 
 
 @dataclass(frozen=True, slots=True)

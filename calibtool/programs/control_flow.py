@@ -30,9 +30,7 @@ class Block:
 
 @dataclass(eq=False)
 class _Open:
-    """A selection or loop that has not ended yet: its first block, and the blocks that lead out of
-    it.
-    """
+    """An open selection or loop: its first block, and the blocks that lead out of it."""
 
     head: int
     loop: bool

@@ -203,9 +203,7 @@ class Correction:
         corrected: Compensation,
         circles: Sequence[Circle],
     ) -> NewPositions:
-        """Positions whose rows all have a solution and get the same numbers; of a circle both
-        points.
-        """
+        """Positions whose rows all get the same numbers; of a circle both points."""
         robot = self.controller.robot
         finite = np.nan_to_num(corrected.q)
         poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]

@@ -14,9 +14,7 @@ Beside = Mapping[int, Number | None]
 
 
 def unit_of(robot: Robot, axis: int) -> str:
-    """The unit in which an external axis is written: that of its joint, "" for an axis that is no
-    joint.
-    """
+    """The unit of an external axis: that of its joint, "" for an axis that is no joint."""
     joint = robot.external.get(axis)
     return "" if joint is None else "mm" if robot.prismatic[joint] else "deg"
 
@@ -27,9 +25,7 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of arm and external axes, or a text that says which
-    are missing.
-    """
+    """Numbers in the robot's order from those of arm and external axes, or what is missing."""
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)
@@ -55,7 +51,5 @@ def beside_pose(robot: Robot, beside: Beside) -> tuple[tuple[tuple[int, Number],
 
 
 def is_axis(number: Number) -> bool:
-    """Whether a number stands for an existing axis; controllers write a fixed number for the
-    others.
-    """
+    """Whether a number is of an existing axis; others have a fixed number."""
     return abs(number.value) < 0.99 * UNUSED * TO_SI.get(number.unit, 1.0)

@@ -37,9 +37,7 @@ def coupling(robot: Robot) -> Array:
 
 
 def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
-    """The positions of motion group 1 and the motions to them; listings of variables give
-    frames and tools.
-    """
+    """Positions and motions of motion group 1; listings of variables give frames and tools."""
     listed = Listed()
     texts: dict[int, str] = {}
     for number, source in enumerate(sources):

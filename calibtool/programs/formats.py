@@ -61,9 +61,7 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 
 def detected(text: str, name: str) -> str | None:
-    """Format of a program from its contents, or from the suffix where these are ambiguous; None if
-    unknown.
-    """
+    """Format of a program by its contents, or by the suffix if ambiguous; None if unknown."""
     text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()
     named = [module.NAME for module in _MODULES.values() if suffix in module.SUFFIXES]

@@ -24,9 +24,7 @@ from calibtool.units import TO_SI
 
 @dataclass(frozen=True)
 class NamedFrames:
-    """T_base_frame and T_flange_tool by the names that a program uses; `default` is for poses
-    without a name.
-    """
+    """T_base_frame and T_flange_tool by a program's names; `default` is for poses without one."""
 
     frames: dict[str, Array] = field(default_factory=dict)
     tools: dict[str, Array] = field(default_factory=dict)

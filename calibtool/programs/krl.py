@@ -69,9 +69,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A frame or position in an expression: an aggregate `{…}`, or a word, which may be a function
-    call.
-    """
+    """A frame or position in an expression: an aggregate `{…}`, or a word or function call."""
 
     start: int
     end: int
@@ -81,9 +79,7 @@ class Factor:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """Statements of a text without comments. Another statement may follow THEN or ELSE in the same
-    line.
-    """
+    """Statements of a text without comments; another one may follow THEN or ELSE."""
     for line in _LINE.finditer(code):
         inner = line[0]
         position = line.start() + len(inner) - len(inner.lstrip())
@@ -138,9 +134,7 @@ def declared(code: str, start: int, end: int) -> Iterator[Declared]:
 
 
 def product(code: str, start: int, end: int) -> tuple[list[Factor], int]:
-    """The factors of `a : b : …` from start on, and the end of the product; no factors for anything
-    else.
-    """
+    """The factors of `a : b : …` from start on, and its end; no factors for anything else."""
     found: list[Factor] = []
     position = start
     while factor := _FACTOR.match(code, position, end):

@@ -77,9 +77,7 @@ def _assigned(
 
 
 def _body(routine: Routine, start: Started, changes: Mapping[str, Assign]) -> Iterator[Step]:
-    """The steps of a routine; a variable is unknown from the start on, and after each
-    assignment.
-    """
+    """The steps of a routine; a variable is unknown from the start, and after assignments."""
     here = routine.name == start.routine
     straight = not any(isinstance(step, Jump) for step in routine.body)
     blocks: list[bool] = []  # that are open: whether they are loops

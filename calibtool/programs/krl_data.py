@@ -134,9 +134,7 @@ class Text:
         return len(self.literals) - 1
 
     def others(self) -> None:
-        """Note positions in code that is not followed: structures, arguments of unknown
-        routines.
-        """
+        """Note positions in code that is not followed: structures, unknown routines."""
         for group in _GROUP.finditer(self.code):
             start = group.start()
             if start in self.taken or _MEMBER.search(self.code, max(0, start - 20), start):

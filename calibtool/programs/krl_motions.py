@@ -46,9 +46,7 @@ class Motions(Assignments):
     # --- base and tool ---
 
     def bas(self, start: int, end: int, line: int) -> Iterator[Step]:
-        """`BAS(#command,value)`: the effect of KUKA's own routine of that name on base, tool and
-        mode.
-        """
+        """`BAS(#command,value)`: effect of KUKA's own routine on base, tool and mode."""
         found = _BAS.match(self.code, start, end)
         command, number = (
             (found[1].lower(), (found[2] or "").strip().lower()) if found else ("", "")

@@ -83,9 +83,7 @@ class Names:
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
 
     def changes(self, called: str, place: int, module: str) -> bool:
-        """Whether a routine may change its argument at a place. A routine of no file may change all
-        but `:IN`.
-        """
+        """Whether a routine may change an argument; one of no file may change all but `:IN`."""
         procedure, low = self.routine(called, module), called.lower()
         if procedure is None:
             values = self.external.get(low, [])

@@ -23,9 +23,8 @@ from calibtool.programs.motions import (
 BASE_NOW, TOOL_NOW, MODE_NOW = "$base", "$tool", "$ipo_mode"
 AS_FRAME = "~"  # behind the name of a variable: what it holds where it is used as a frame
 FORM = "fdat_act"
-ON_BASE = frame_of(
-    FRAME, None, np.eye(4)
-)  # $IPO_MODE=#BASE: nothing stands between base and position
+# $IPO_MODE=#BASE: nothing stands between base and position
+ON_BASE = frame_of(FRAME, None, np.eye(4))
 ORDER = ("x", "y", "z", "a", "b", "c")
 _ITEM = {
     key: re.compile(rf"\b{key}\s+#?(-?\w+)", re.IGNORECASE)
@@ -49,9 +48,7 @@ class Values:
         self.scopes: tuple[str, ...] = (text.module,)
 
     def target(self, word: str) -> Value | None:
-        """The variable that a word refers to, or elements of an array; None for a word without a
-        value.
-        """
+        """The variable of a word, or elements of an array; None for a word without a value."""
         found = reference(word)
         if found is None:
             return None
@@ -68,9 +65,7 @@ class Values:
         return self.anywhere(name)
 
     def anywhere(self, name: str) -> Value | None:
-        """Any element of an array, that is all elements that are assigned; None if there is
-        none.
-        """
+        """Any element of an array, that is all assigned ones; None if there is none."""
         key = self.names.key(name, self.scopes)
         elements = tuple(self.names.elements.get(key, ()))
         if not elements:
@@ -90,9 +85,7 @@ class Values:
         return tuple(part for part in parts if isinstance(part, str))
 
     def frame(self, start: int, end: int, kind: str, line: int) -> Value:
-        """A frame in code[start:end], a product of frames among them;
-        line: where it is assigned.
-        """
+        """A frame in code[start:end], or a product of frames; line: where it is assigned."""
         factors, stop = product(self.code, start, end)
         if not factors or self.code[stop:end].strip():
             return Unknown(f"is computed (line {line})")
@@ -127,9 +120,7 @@ class Values:
         return Either(tuple(f"{part}{AS_FRAME}" for part in self.variables(value)))
 
     def _called(self, factor: Factor, kind: str, line: int) -> Value:
-        """`STOOL2(FP1)` and `SBASE(FP1.BASE_NO)`, which the inline forms
-        of spline motions write.
-        """
+        """`STOOL2(FP1)` and `SBASE(FP1.BASE_NO)` of the inline forms of spline motions."""
         word = f"{factor.word}{factor.call}"
         found = _OF_FORM.fullmatch(word)
         if found is None:
@@ -173,9 +164,7 @@ class Values:
         return key
 
     def form_items(self, start: int, end: int, line: int) -> dict[str, Value] | None:
-        """Base, tool and mode of `{TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}`; None for
-        other aggregates.
-        """
+        """Base, tool and mode of `{TOOL_NO 1,BASE_NO 0,…}`; None for other aggregates."""
         found = {key: item.search(self.code, start, end) for key, item in _ITEM.items()}
         base, tool, mode = found["BASE_NO"], found["TOOL_NO"], found["IPO_FRAME"]
         if not base and not tool:

@@ -41,9 +41,8 @@ _START = re.compile(
 )
 _UNSAID = {BASE_NOW: Frame(FRAME, None), TOOL_NOW: Frame(TOOL, None), MODE_NOW: ON_BASE}
 _OPEN = re.compile(r"(?:BASE|TOOL)_DATA\s*\[\s*[A-Z_$][^\[\]]*\][\s.\w]*=(?!=)", re.IGNORECASE)
-_NUMBERED = re.compile(
-    r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
-)  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+# BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+_NUMBERED = re.compile(r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE)
 _CYCLIC = re.compile(r"ANIN\s+ON\s+([^=]*?)\s*=", re.IGNORECASE)
 _ASIDE = re.compile(
     r"(?:GLOBAL\s+)?(TRIGGER|ANIN\s+ON|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
@@ -217,9 +216,7 @@ class _Reader(Motions):
         self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
-        """Calls of routines in a statement, with the values of their parameters; BAS sets base and
-        tool.
-        """
+        """Calls of routines in a statement, with values of their parameters; BAS is included."""
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
             if match[1].upper() == "BAS":

@@ -68,9 +68,7 @@ class Flow:
 
 
 def follow(program: Program, given: NamedFrames) -> Flow:
-    """Follow all routines. given: frames and tools by name, which take precedence over the
-    program's.
-    """
+    """Follow all routines. given: frames and tools by name, which override the program's."""
     kept: State = {}
     for _ in range(ROUNDS):
         routines = Routines(program, given, kept)
@@ -155,9 +153,7 @@ class _Uses:
         )  # fmt: skip
 
     def _alone(self, used: Iterable[int], count: int) -> Iterable[Use]:
-        """Literals to which no motion goes, in the order of the text, where something is known of
-        them.
-        """
+        """Literals to which no motion goes, in order, if something is known of them."""
         before: tuple[int, ...] = ()
         for number, literal in enumerate(self.program.literals):
             if number in used or literal.alone is None:

@@ -42,9 +42,7 @@ def stands(
 
 
 class _Solving:
-    """Arrays over the uses: joint positions q (N, n), which are joint targets, and whose branch is
-    known.
-    """
+    """Arrays over the uses: joints q (N, n), which are joint targets, and whose branch is known."""
 
     def __init__(
         self, controller: Controller, program: Program, flow: Flow, found: Sequence[Position]
@@ -154,9 +152,7 @@ class _Solving:
 
 
 def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
-    """T_base_tool of each position, with the tool of the calibration's description; the identity
-    for joints.
-    """
+    """T_base_tool of each position, with the description's tool; the identity for joints."""
     T = np.tile(np.eye(4), (len(found), 1, 1))
     groups: dict[str, list[int]] = {}
     for number, position in enumerate(found):
@@ -170,9 +166,7 @@ def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
 
 
 def placed(T: Array, found: Sequence[Position], back: bool = False) -> Array:
-    """Poses (N, 4, 4) in frame and tool of positions as T_base_tool of the description; back: the
-    inverse.
-    """
+    """Poses (N, 4, 4) in frame and tool as T_base_tool of the description; back: the inverse."""
     frames: dict[tuple[float, ...], list[int]] = {}
     for row, position in enumerate(found):
         assert position.frame is not None

@@ -110,9 +110,7 @@ class LineNumbers:
 
 
 def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
-    """The number in text[start:end] without blanks around it; None for anything else, including NaN
-    and 1e999.
-    """
+    """The number in text[start:end] without blanks; None for anything else, NaN and 1e999 too."""
     inner = text[start:end]
     first = start + len(inner) - len(inner.lstrip())
     match = _NUMBER.fullmatch(inner.strip())
@@ -127,9 +125,7 @@ def is_not_finite(text: str) -> bool:
 
 
 def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str:
-    """The text with comments and strings replaced by blanks of the same length, so that positions
-    stay.
-    """
+    """The text with comments and strings replaced by blanks, so that positions stay."""
 
     def blank(match: re.Match[str]) -> str:
         return re.sub(r"[^\r\n]", " ", match[0])
@@ -186,9 +182,7 @@ def rewritten(
 
 
 def written(old: str, value: float, unit: str) -> str:
-    """A value in the style of the old number: with its decimals, or as many as the unit needs;
-    `old` if equal.
-    """
+    """A value with the decimals of the old number, or as many as the unit needs; `old` if equal."""
     mantissa = re.split("[eE]", old)[0]
     decimals = max(DECIMALS[unit], len(mantissa.partition(".")[2]))
     if abs(value - float(old)) < 0.5 * 10.0**-decimals:

@@ -82,9 +82,7 @@ class CompensatedProgram:
         return lines + [f"{name}: note: {note}" for note in self.notes]
 
     def report(self) -> str:
-        """A CSV with every position and everything else that is not corrected: file, line, name,
-        kind, fate, why.
-        """
+        """A CSV with all positions and uncorrected motions: file, line, name, kind, fate, why."""
         rows = [(f.source, f.line, f.name, f.kind, f.fate, f.why) for f in self.fates]
         seen = {row[:3] for row in rows}
         rows += [

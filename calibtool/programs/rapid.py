@@ -66,9 +66,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of an instruction: its span, and the name of an optional one; after: number of
-    the previous one.
-    """
+    """An argument: span, name of an optional one; after: number of the previous argument."""
 
     start: int
     end: int
@@ -77,9 +75,7 @@ class Argument:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a module without comments and strings; a short `IF` becomes `if`, its
-    statement, `endif`.
-    """
+    """Statements without comments and strings; a short `IF` becomes `if`, statement, `endif`."""
     position = 0
     while position < len(code):
         block = _BLOCK.match(code, position)
@@ -180,9 +176,7 @@ def _simple(code: str, position: int) -> Iterator[Statement]:
 
 
 def _short_if(code: str, at: int, start: int, end: int) -> Iterator[Statement]:
-    """`IF condition statement;`: the statement begins where two words follow each other without an
-    operator.
-    """
+    """`IF condition statement;`: the statement begins at two words without an operator."""
     yield Statement("if", "", at, start, end)
     for match in _OPERAND.finditer(code, start, end):
         before = code[start : match.end()]

@@ -1,6 +1,4 @@
-"""RAPID data that instructions and routines may change without an assignment that can be
-followed.
-"""
+"""RAPID data that may change without an assignment that can be followed."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -50,9 +48,7 @@ def reading(name: str) -> bool:
 
 
 def variables(values: Values, word: str) -> list[tuple[str, ...]]:
-    """The variables of the target, tool or work object of a word, or of its component, if it can
-    change.
-    """
+    """The changeable variables of the target, tool or work object of a word or component."""
     match = _REFERENCE.fullmatch(word)
     data = values.data(match[1].strip()) if match else None
     if match is None or data is None or data.type not in TYPES or data.constant:
@@ -91,9 +87,7 @@ class Changes:
     def settled(
         self, routines: Sequence[Routine], declared: dict[str, Value]
     ) -> tuple[Routine, ...]:
-        """The routines without assignments of parameters that nobody changes; uncertain data are
-        unknown.
-        """
+        """The routines without assignments of unchanged parameters; uncertain data are unknown."""
         pending = {id(step): parameter for step, parameter in self.passed}
         assigned = {
             step.name
@@ -122,18 +116,14 @@ class Changes:
                 yield step
 
     def _unsure(self, name: str, value: Value, why: str) -> Value:
-        """A frame or tool is then unknown; a target is one of those that are assigned, or another
-        one.
-        """
+        """A frame or tool is then unknown; a target is one of the assigned ones, or another."""
         target = name.partition("{")[0] in self.names.targets
         if not target:
             return Unknown(why)
         return value if isinstance(value, Edited) else Either((value, Unknown(why)))
 
     def _uncertain(self, routines: Sequence[Routine]) -> dict[str, str]:
-        """Variables that are assigned in code that no followed call reaches, and why they are
-        unknown.
-        """
+        """Variables that are assigned in code that no followed call reaches, and why."""
         bodies = {routine.name: routine.body for routine in routines}
         waiting: list[tuple[str, Sequence[Statement]]] = []
         for routine in routines:
@@ -197,9 +187,7 @@ class Changes:
     def _by_reference(
         self, values: Values, word: str, parameter: Data, line: int
     ) -> Iterator[Assign]:
-        """Assignments of an argument given by reference; they are valid if the parameter is
-        changed.
-        """
+        """Assignments of an argument given by reference, valid if the parameter changes."""
         why = f"a routine changes it (line {line})"
         parts = FRAMES.get(parameter.type, ("",))
         for keys in variables(values, word):

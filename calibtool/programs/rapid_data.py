@@ -53,9 +53,7 @@ SHAPES = {"robtarget": _ROBTARGET, "jointtarget": _JOINTTARGET}
 
 @dataclass(eq=False)
 class Text:
-    """A module's text, its code with comments and strings replaced by blanks, and the positions
-    found in it.
-    """
+    """A module's text, its code without comments and strings, and the positions found in it."""
 
     number: int
     text: str
@@ -63,9 +61,8 @@ class Text:
     lines: LineNumbers
     robot: Robot
     literals: list[Literal]
-    taken: set[int] = field(
-        default_factory=set
-    )  # where positions begin that are among the literals
+    # where positions begin that are among the literals
+    taken: set[int] = field(default_factory=set)
 
     def shape(self, start: int, end: int) -> str | None:
         """The type of the position that code[start:end] writes in full."""

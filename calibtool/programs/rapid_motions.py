@@ -41,9 +41,7 @@ def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> I
 
 
 def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
-    """Whether an instruction moves the robot, by its name or its arguments. It then does not change
-    them.
-    """
+    """Whether an instruction moves the robot, by its name or arguments, and only reads these."""
     return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).paced()
 
 
@@ -85,9 +83,7 @@ class _Instruction:
         yield Move(self.line, name, tuple(aims))
 
     def _is_position(self, number: int) -> bool:
-        """Whether an argument can only be a position: a list of lists, a function, or
-        data of these types.
-        """
+        """Whether an argument can only be a position: a list of lists, a function, or its type."""
         word, argument = self.word(number), self.given[number]
         if word.startswith("["):
             if self.values.text.shape(argument.start, argument.end) is not None:

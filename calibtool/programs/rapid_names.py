@@ -15,9 +15,7 @@ _PARAMETER = re.compile(
 
 
 def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]]:
-    """The statements of a text with their scopes, the innermost first: routine and module, or
-    module.
-    """
+    """The statements of a text with their scopes: routine and module, or module."""
     inside = f"{number}"
     scopes: tuple[str, ...] = (inside,)
     for statement in statements(code):
@@ -47,9 +45,7 @@ class Data:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A routine: its unique name and its parameters, name and data; optional ones begin
-    with a backslash.
-    """
+    """A routine: unique name, and name and data of parameters; optional ones with a backslash."""
 
     key: str
     parameters: tuple[tuple[str, Data], ...]

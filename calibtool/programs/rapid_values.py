@@ -51,9 +51,7 @@ class Values:
         return self.names.data(match[1], self.scopes) if match else None
 
     def reference(self, word: str, type_: str) -> Value | None:
-        """The variable of a word, if it has this type; of an array all elements to which it may
-        refer.
-        """
+        """The variable of a word, if it has this type; of an array all possible elements."""
         match, data = _WORD.fullmatch(word), self.data(word)
         if match is None or data is None or data.type != type_:
             return None
@@ -70,9 +68,7 @@ class Values:
         return every
 
     def named(self, word: str, type_: str) -> Value:
-        """A tool or a work object by its name; `--frames` may define one that the modules do not
-        declare.
-        """
+        """A tool or a work object by its name; `--frames` may define an undeclared one."""
         reference = self.reference(word, type_)
         if reference is None:
             name = _WORD.fullmatch(word)
@@ -114,9 +110,7 @@ class Values:
         return Unknown(f"is computed (line {self.text.lines(position)})")
 
     def elements(self, data: Data, start: int, end: int) -> Iterator[tuple[str, int, int]]:
-        """Index in braces and span of each element of an array, row by row; the data itself if it
-        is no array.
-        """
+        """Index and span of each element of an array, row by row; the data itself if it is none."""
         if not data.dimensions or self.code[start] != "[":
             yield "", start, end
             return

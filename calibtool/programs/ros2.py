@@ -27,9 +27,7 @@ def matches(text: str) -> bool:
 
 
 def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
-    """Every `positions` list in order, its joints by name; joints of other devices do not
-    change.
-    """
+    """Every `positions` list in order, joints by name; joints of other devices do not change."""
     reader = _Reader(robot)
     for number, source in enumerate(sources):
         reader.read(number, source)
@@ -158,9 +156,7 @@ def _measured(code: str, position: int) -> str:
 
 
 def _elements(code: str, start: int) -> list[tuple[int, int]]:
-    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or
-    one `- a` per line.
-    """
+    """Spans of the elements of the list after a key: `[a, b]`, or one `- a` per line."""
     flow = re.compile(r"\s*\[").match(code, start)
     if flow:
         end = closing(code, flow.end() - 1)

@@ -40,9 +40,7 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """The values of variables after a routine, and its calls with the values of those that the
-    called routine reads.
-    """
+    """Values of variables after a routine, and its calls with the values that these read."""
 
     after: State = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)
@@ -137,9 +135,7 @@ class Routines:
         state: State,
         entry: Callable[[str], Atoms],
     ) -> bool:
-        """Add a state to the possible values at the beginning of a block; returns whether they
-        changed.
-        """
+        """Add a state to the values at the beginning of a block; returns whether they changed."""
         old = states[number]
         if old is None:
             states[number] = dict(state)
@@ -225,9 +221,7 @@ class Routines:
         return self.variables.joined(STANDS, stands, stands)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
-        """Note a motion to an unknown target; the literal of which it is an edited copy is no
-        constant.
-        """
+        """Note a motion to an unknown target; an edited copy makes its literal no constant."""
         if not unknown.quiet:
             self.remark(move.line, move.name, unknown.why, routine)
         if unknown.edited is not None:

@@ -121,8 +121,6 @@ class Selection:
         return Assign(line, self.variable, Unknown(f"{name} is told by {text[:30]} (line {line})"))
 
     def called(self, line: int, routine: str) -> Assign:
-        """The possible effect of a call of a program that is not available: it may select any
-        frame.
-        """
+        """The possible effect of a call of an unknown program: it may select any frame."""
         why = f"may be selected by {routine}, which is not at hand (line {line})"
         return Assign(line, self.variable, Unknown(why))

@@ -29,9 +29,8 @@ from calibtool.programs.tp_positions import HELD, Positions, Taught
 
 _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET", "SEARCH"})
-_SHIFTED = re.compile(
-    r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE
-)  # the motions behind it
+# the motions behind it
+_SHIFTED = re.compile(r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE)
 _SELECT = re.compile(
     r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE
 )
@@ -73,9 +72,7 @@ class Instructions:
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Frames and tools that are assigned, by kind and number ("" if that is not known), and the
-        reason to report.
-        """
+        """Frames and tools that are assigned, by kind and number ("" if unknown), and why."""
         for one in self.statements:
             for part in parts(one.text) if "[" in one.text else ():
                 match = _SET.match(part)
@@ -97,9 +94,7 @@ class Instructions:
         }
 
     def _written(self) -> Iterator[tuple[int, str, int | None]]:
-        """Assignments of positions, also after a condition: the line, the position, its number if
-        it is known.
-        """
+        """Assignments of positions, also conditional ones: line, position, its number if known."""
         for one in self.statements:
             for part in parts(one.text) if "=" in one.text else ():
                 if match := _WRITTEN.match(part):
@@ -251,9 +246,7 @@ class Instructions:
 
 
 def _reached(steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without those between a jump and the next label or end of a branch, which are never
-    executed.
-    """
+    """The steps without those between a jump and the next label, which are never executed."""
     level, dead = 0, -1  # of nested branches; that of the jump, -1 where there was none
     for step in steps:
         if isinstance(step, Begin):

@@ -31,9 +31,7 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """A position of a program: number of its literal, and its frame and tool as they are
-    written.
-    """
+    """A position of a program: number of its literal, and its frame and tool as written."""
 
     literal: int
     frame: str = "F"
@@ -155,9 +153,7 @@ class Positions:
         return group
 
     def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
-        """The literal of group 1. not_corrected: why it is not corrected, although it can be
-        read.
-        """
+        """The literal of group 1. not_corrected: why not, although it can be read."""
         axes = {k: value for k, value in group.values.items() if not _EXTERNAL.fullmatch(k)}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}

@@ -97,9 +97,7 @@ def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
 
 @lru_cache(maxsize=1000)
 def _with_threads(tool: Value) -> Product:
-    """A tool that threads may change, too; one object for all motions: 50,000 objects would take 9
-    MB.
-    """
+    """A tool that threads may change, too; one object for all motions, to save memory."""
     return Product(TOOL, (tool, _THREADS))
 
 

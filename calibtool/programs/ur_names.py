@@ -7,9 +7,7 @@ TCP = "set_tcp"  # sets the tool, and the variable that holds it
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function: its unique name, the function around it, where it is defined, and its
-    parameters.
-    """
+    """A function: unique name, the function around it, its place, and its parameters."""
 
     key: str
     parent: str

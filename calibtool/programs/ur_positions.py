@@ -76,9 +76,7 @@ class Positions:
         return self.names.variable(self.number, name)
 
     def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """The value of an expression: a written position, a variable, or unknown. told: in a
-        motion.
-        """
+        """The value of an expression: a position, a variable, or unknown. told: in a motion."""
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
         if opening and closing(self.code, start + opening.end()) == end - 1:

@@ -66,9 +66,7 @@ def statements(code: str) -> Iterator[Statement]:
 
 
 def arguments(code: str, opening: int) -> list[tuple[str, int, int]]:
-    """Arguments of the call whose parenthesis opens here: name or "", and
-    the span without blanks.
-    """
+    """Arguments of the call with this parenthesis: name or "", and the span without blanks."""
     end = closing(code, opening)
     found = []
     for start, stop in split(code, opening + 1, end) if end is not None else ():

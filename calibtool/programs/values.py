@@ -109,9 +109,7 @@ class ValueAnalysis:
         return result
 
     def _known(self, frame: Frame) -> Frame:
-        """A frame with the pose that is given for it, if there is one and the program has not set
-        it since.
-        """
+        """A frame with the pose given for it, unless the program has set it since."""
         given = self.given.frames if frame.kind == FRAME else self.given.tools
         if frame.values is not None and (frame.line or frame.name not in given):
             return frame

@@ -34,9 +34,7 @@ class Variables:
         self._beginning: dict[str, Atoms | None] = {}
 
     def _assigned(self, graphs: Iterable[list[Block]]) -> dict[str, list[Value]]:
-        """Values that are assigned to variables somewhere, without variables that always hold one
-        literal.
-        """
+        """Values assigned to variables, without variables that always hold one literal."""
         found: dict[str, list[Value]] = {}
         parameters: set[str] = set()
         self.owners: dict[int, set[str]] = {}
@@ -71,9 +69,7 @@ class Variables:
         return [self.program.declared[name]] if name in self.program.declared else []
 
     def begin(self, name: str) -> Atoms:
-        """The value of a variable at the beginning of the program; it is constant if nothing is
-        assigned.
-        """
+        """The value of a variable at the beginning; constant if nothing is assigned."""
         known = self._beginning.get(name, frozenset())
         if known:
             return known
@@ -89,9 +85,7 @@ class Variables:
         return result
 
     def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
-        """The possible values of both. Literals of a variable with very many values are no
-        constants.
-        """
+        """The union of possible values; with very many, literals are no constants."""
         both = joined(one, other)
         if len(both) <= BEFORE or (name != STANDS and len(both) <= _POSITIONS):
             return both

@@ -78,9 +78,7 @@ class Writing:
             yield corrected.getvalue()
 
     def _numbers(self) -> Array:
-        """The numbers to write: joint values of the controller, or poses in their frames, (N, 7)
-        padded with zeros.
-        """
+        """The numbers to write: controller's joint values, or poses in their frames; (N, 7)."""
         literals = [self.program.literals[position.literal] for position in self.new.found]
         joints = self.controller.to_controller(self.new.q_new)
         result = np.zeros((len(literals), max(7, joints.shape[1])))
@@ -123,9 +121,7 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are wrong for the corrected
-        joints.
-        """
+        """Configuration data to change: right before, and wrong for the corrected joints."""
         data = literal.configuration
         arm = self.controller.robot.arm
         if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):

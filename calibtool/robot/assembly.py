@@ -91,9 +91,7 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
 def _nearest_closed(
     mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
 ) -> tuple[Array, float]:
-    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest
-    remaining |r|, in rad.
-    """
+    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r|."""
     theta = theta.copy()
     scale = np.where(free, tree.joint_scale, 0.0)
     residual = np.inf
@@ -133,9 +131,7 @@ def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
 
 
 def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sample]:
-    """Derivatives at closed configurations near θ (J,), found by moving along the null space of
-    C.
-    """
+    """Derivatives at closed configurations near θ (J,), reached along the null space of C."""
     rng, row = np.random.default_rng(0), np.zeros(1, dtype=int)
     everything, scale = np.ones(tree.joints, dtype=bool), tree.joint_scale
     samples = []

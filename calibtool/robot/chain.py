@@ -157,9 +157,7 @@ def gravity_in_base(source: Source, base: pin.SE3, model: pin.Model) -> Array:
 
 
 def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
-    """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by
-    the description.
-    """
+    """Joint ids from the base to joint `last`; all other joints must be locked."""
     way: list[int] = []
     while last > 0:
         way.insert(0, last)
@@ -176,9 +174,7 @@ def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
 
 
 def unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
-    """ξ (6,) of a joint in its own frame; InputError for one without an axis, or with several
-    degrees of freedom.
-    """
+    """ξ (6,) of a joint in its own frame; InputError unless it has one axis."""
     check_single(joint, called, name)
     data = joint.createData()
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))

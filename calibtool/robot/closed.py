@@ -53,9 +53,7 @@ class ClosedMechanism(Mechanism):
         tree: Tree,
         starts: Callable[[], Starts],
     ) -> Self:
-        """The mechanism with these placements (J + 2L + 1, 4, 4), twists (J, 6) and offsets (n,),
-        zero unless given.
-        """
+        """The mechanism of placements (J + 2L + 1, 4, 4), twists (J, 6), offsets (n,) or zero."""
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
         model.name = bodies.robot
@@ -158,18 +156,14 @@ class ClosedMechanism(Mechanism):
         return size
 
     def joints(self, q: Array) -> Array:
-        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not
-        close.
-        """
+        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for rows that do not close."""
         theta = np.empty((len(q), self.tree.joints))
         for rows, closed in self._parts(q):
             theta[rows] = np.where(closed.ok[:, None], closed.theta, np.nan)
         return theta
 
     def slopes(self, q: Array) -> Array:
-        """∂θ/∂q (N, J, n): how all joints move with the actuated ones; NaN for a row that does not
-        close.
-        """
+        """∂θ/∂q (N, J, n) of all joints by the actuated ones; NaN for rows that do not close."""
         tree = self.tree
         result = np.zeros((len(q), tree.joints, tree.n))
         result[:, : tree.n] = np.eye(tree.n)
@@ -178,9 +172,7 @@ class ClosedMechanism(Mechanism):
         return result
 
     def by_actuators(self, torques: Array, q: Array) -> Array:
-        """Torques of the tree's joints (N, nv) in the model's order as torques of the actuators:
-        (∂θ/∂q)ᵀ τ, (N, n).
-        """
+        """Torques (N, n) of the actuators for those of the model's joints (N, nv): (∂θ/∂q)ᵀ τ."""
         work: Array = np.einsum("njk,nj->nk", self.slopes(q), torques[:, self.model_joints])
         return work
 
@@ -189,9 +181,7 @@ class ClosedMechanism(Mechanism):
         return self._coordinates(self.joints(q))
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model of the tree with limits (n,) of the actuated joints, those
-        of the others its own.
-        """
+        """A copy of the tree's Pinocchio model with limits (n,) of the actuated joints."""
         model = self.model.copy()
         limits = np.stack([self.tree.lower, self.tree.upper])
         limits[:, : self.tree.n] = lower, upper
@@ -235,9 +225,7 @@ class ClosedMechanism(Mechanism):
         return at
 
     def _tool(self, closed: Closing) -> Array:
-        """T_base_tool, after the last step of the passive joints; the square of this step is
-        negligible.
-        """
+        """T_base_tool after the last step of the passive joints, whose square is negligible."""
         tree = self.tree
         ends = poses_of(closed.ends[:, -1])
         at_tool = self._at_tool(closed.jacobian)[:, :, tree.passive]
@@ -327,9 +315,7 @@ class ClosedMechanism(Mechanism):
 
     @cached_property
     def _passive_coordinates(self) -> list[int]:
-        """Where the passive joints, which have one coordinate of rate 1 each, stand among those of
-        the model.
-        """
+        """Indices of the passive joints, of one coordinate of rate 1 each, in the model."""
         joints = range(self.tree.joints)[self.tree.passive]
         return [self.model.joints[int(self.model_joints[j]) + 1].idx_q for j in joints]
 

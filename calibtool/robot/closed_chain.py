@@ -65,9 +65,7 @@ class ClosedChain:
 
     @cached_property
     def starts(self) -> Starts:
-        """Closed configurations of the nominal mechanism, made when first asked for (a second or
-        so).
-        """
+        """Closed configurations of the nominal mechanism, computed at first use."""
         return Starts.of(self.mechanism.equations, self.tree)
 
     def mechanism_of(
@@ -91,9 +89,7 @@ class ClosedChain:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """A name for each placement: those of joints, `loop.a` and `loop.b` of cut frames, that of
-        the tool.
-        """
+        """A name for each placement: joints, `loop.a` and `loop.b` of cut frames, the tool."""
         cuts = [f"{loop.name}.{side}" for loop in self.tree.loops for side in "ab"]
         return (*self.bodies.joints, *cuts, self.bodies.tool)
 

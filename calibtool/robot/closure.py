@@ -59,9 +59,7 @@ def closure(tree: Tree, cuts: Array, jacobian: Array, theta: Array) -> Closure:
 
 
 def _equations(loop: Loop, A: Array, B: Array, r: Array, W: Array) -> None:
-    """Residual (N, k) and twists (N, k, 6) of one loop, written into r and W; A and B (N, 4, 3) as
-    in `closure`.
-    """
+    """Residual (N, k) and twists (N, k, 6) of a loop, written into r, W; A, B as in `closure`."""
     apart, p = B[:, 3] - A[:, 3], B[:, 3]
     kept = set(loop.rows)
     whole = kept >= _TRANSLATION

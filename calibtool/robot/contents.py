@@ -1,6 +1,4 @@
-"""The kind of a robot's file, recognised by its contents; conversion of every kind but robot.toml
-to a URDF.
-"""
+"""The kind of a robot's file, by its contents; conversion of all but robot.toml to a URDF."""
 
 import re
 from pathlib import Path
@@ -77,9 +75,7 @@ _MACRO = re.compile(r"\$\{|\$\(")
 
 
 def told(data: bytes, path: Path) -> tuple[Kind, str]:
-    """The kind of a file with these bytes, and its text. InputError that names the kind where it is
-    no robot.
-    """
+    """The kind of a file with these bytes, and its text; InputError where it is no robot."""
     place = str(path)
     if is_xml(data):
         return _told_xml(decoded_xml(data, place), place)

@@ -1,6 +1,4 @@
-"""Newton's method on closed loops, and continuation to rows far from known closed
-configurations.
-"""
+"""Newton's method on closed loops, and continuation to rows far from closed configurations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -119,9 +117,7 @@ def advanced(
     steps: int,
     sign: float | None,
 ) -> Closing:
-    """Close the loops at q (N, n) through closed configurations from θ = begin (N, J), which may be
-    slightly open.
-    """
+    """Close the loops at q (N, n) through closed configurations from θ = begin (N, J)."""
     found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP), sign)
     way = q - begin[:, : tree.n]
     for k in range(1, steps + 1):
@@ -136,9 +132,7 @@ def advanced(
 
 
 def _reach(tree: Tree, moved: Array, predicted: Array) -> Array:
-    """How far from its prediction a closed configuration may be after a motion of the joints: (N,)
-    rad or lengths.
-    """
+    """Largest distance of a closed configuration from its prediction: (N,) rad or lengths."""
     scale = tree.joint_scale
     actuated = np.abs(moved / scale[: tree.n]).max(axis=-1, initial=0.0)
     passive = np.abs(predicted / scale[tree.passive]).max(axis=-1, initial=0.0)
@@ -229,9 +223,7 @@ class Starts:
         return cls(tree, theta, follow, curve, sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Closed configurations near actuated positions q (N, n), and what they predict at q: (N,
-        J) each.
-        """
+        """Closed configurations near actuated joints q (N, n), and predictions at q: (N, J)."""
         n = self.tree.n
         cell = _cell(self.tree, np.where(np.isfinite(q), q, 0.0), self.cells.shape)
         number = self.cells[tuple(cell.T)]
@@ -245,9 +237,7 @@ class Starts:
         return begin, near
 
     def reach(self, begin: Array, near: Array) -> Array:
-        """Largest allowed distance of closed configurations from their predictions (N, J): (N,),
-        see `newton`.
-        """
+        """Largest distance of closed configurations from predictions (N, J): (N,), see `newton`."""
         moved = near - begin
         return _reach(self.tree, moved[:, : self.tree.n], moved[:, self.tree.passive])
 

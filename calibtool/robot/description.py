@@ -19,9 +19,7 @@ class _Strict(BaseModel):
 
 
 class LoopTable(_Strict):
-    """A closed loop: two frames, A and B, and the joint that joins them (`loops.FORBIDDEN`), about
-    or along z of A.
-    """
+    """A closed loop: frames A and B, and their joint (`loops.FORBIDDEN`), about or along z of A."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")] | None = None
     frames: tuple[str, str]
@@ -121,9 +119,7 @@ class JointTolerance(_Strict):
 
 
 class ToleranceTable(_Strict):
-    """Expected standard deviations of the errors, the prior of the complete model; `joints` by
-    name: j3 = { … }.
-    """
+    """Expected standard deviations of the errors; `joints` by name: j3 = { … }."""
 
     length_mm: Annotated[float, Field(gt=0)] = 1.0
     angle_mrad: Annotated[float, Field(gt=0)] = 1.0

@@ -60,8 +60,8 @@ def _add_links(model: pin.Model, mechanism: ClosedMechanism) -> None:
 
 
 def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
-    """Masses (n,) kg, their centres (n, 3) in the joint frames, m, and gravity (3,) in K_0, m/s²,
-    of `gravity_torque`.
+    """Masses (n,) kg, centres (n, 3) in joint frames, m, gravity (3,) in K_0, of
+    `gravity_torque`.
     """
     model = gravity_model(robot)
     masses = np.array([inertia.mass for inertia in list(model.inertias)[1:]])

@@ -84,9 +84,8 @@ def solve_poses(
             break
         bounds = lower[active], upper[active]
         step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
-        slides = (
-            np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5
-        )  # joints that do not turn the tool, in m
+        # joints that do not turn the tool, in m
+        slides = np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5
         longest = np.linalg.norm(np.where(slides, step / length, step), axis=-1, keepdims=True)
         proposed = np.clip(
             q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds
@@ -164,9 +163,8 @@ def inverse_kinematics(
     near = starts_of(robot).nearest(target[rows], min(starts, _NEAR_STARTS))
     used = 0
     while used < starts and len(rows):
-        together = min(
-            starts - used, max(2, _ROWS_TOGETHER // len(rows))
-        )  # few rows: more starts in one batch
+        # few rows: more starts in one batch
+        together = min(starts - used, max(2, _ROWS_TOGETHER // len(rows)))
         q_start, steps = near[:, used : used + together], _FROM_NEAR
         if not q_start.shape[1]:
             q_start, steps = (
@@ -230,9 +228,7 @@ def _bounded_step(
 
 
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
-    """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n),
-    (N, 6) → (N, n).
-    """
+    """Least-squares step (N, n), of minimum norm for n > 6, damped by |error|² + caution."""
     transposed = np.swapaxes(jacobian, -1, -2)
     # The last term keeps the matrix regular at a singularity: it must not drown in the rounding
     # of large entries.

@@ -40,9 +40,7 @@ class Starts:
         return cls(readonly(q), readonly(np.hstack([features, square]).T), robot.length)
 
     def nearest(self, target: Array, count: int) -> Array:
-        """The `count` starts nearest to poses (N, 4, 4), the nearest first:
-        (N, count, n) rad or m.
-        """
+        """The `count` starts nearest to poses (N, 4, 4), nearest first: (N, count, n) rad or m."""
         wanted = np.hstack([_features(target, self.length), np.ones((len(target), 1))])
         found = np.empty((len(target), count), dtype=int)
         for first in range(0, len(target), _TOGETHER):
@@ -65,9 +63,7 @@ def starts_of(robot: Robot) -> Starts:
 
 
 def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    """Uniform joint positions within the limits, (count, n) rad or m; joints of several turns
-    within half a turn of 0.
-    """
+    """Uniform joints within the limits, (count, n) rad or m, turns within half a turn of 0."""
     several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
     low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
     span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)

@@ -1,6 +1,4 @@
-"""Structure of a mechanism with closed loops: a tree, the cut frames that join it to loops, mimic
-joints.
-"""
+"""Structure of a mechanism with closed loops: tree, cut frames of loops, mimic joints."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,9 +33,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Follower:
-    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m. Joints by their number in the
-    chain, from 0.
-    """
+    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m; joints from 0."""
 
     joint: int
     leader: int
@@ -137,14 +133,10 @@ class Tree:
 
     @cached_property
     def joint_scale(self) -> Array:
-        """A motion of one rad in the unit of each joint: the length for a slide, 1 for a rotation
-        (J,).
-        """
+        """A motion of one rad in each joint's unit (J,): the length for a slide, else 1."""
         return np.where(self.slides, self.length, 1.0)
 
     @property
     def placed_on(self) -> tuple[int, ...]:
-        """The joint of each placement: of the joints, of the cut frames, of the tool; −1 for the
-        base.
-        """
+        """The joint of each placement: of joints, cut frames, tool; −1 for the base."""
         return (*self.parents, *self.carriers, self.tool)

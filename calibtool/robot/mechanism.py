@@ -51,15 +51,13 @@ class Frames:
 
     @property
     def placed(self) -> Array:
-        """The frames of the placements (N, n + 2L + 1, 4, 4): those before the joints, the cut
-        frames, the tool.
-        """
+        """The frames of the placements (N, n + 2L + 1, 4, 4): before joints, cut frames, tool."""
         parts = [self.before, *([] if self.cuts is None else [self.cuts]), self.tool[:, None]]
         return np.concatenate(parts, axis=1)
 
     def links(self, placed_on: tuple[int, ...]) -> tuple[Array, Array]:
-        """Straight pieces from the joint that carries each of `placed` (−1: the base) to it, in
-        K_0: ends (N, s, 3) each.
+        """Straight parts from the joint of each of `placed` (−1: base) to it: ends (N, s, 3)
+        each.
         """
         origins = np.concatenate(
             [np.zeros((len(self.tool), 1, 3)), self.after[:, :, :3, 3]], axis=1
@@ -95,8 +93,8 @@ class Mechanism:
     def of(
         cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
     ) -> Self:
-        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j
-        (n,), zero unless given.
+        """The chain with M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch, and δq_j (n,), zero unless
+        given.
         """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
@@ -164,9 +162,7 @@ class Mechanism:
         return Frames(before, after, tool)
 
     def closes(self, q: Array) -> np.ndarray:
-        """At which rows of q (N, n) the loops of the mechanism close: (N,) bool; all where there
-        are no loops.
-        """
+        """At which rows of q (N, n) the loops close: (N,) bool; all without loops."""
         return np.ones(len(q), dtype=bool)
 
     def configuration(self, q: Array) -> Array:
@@ -184,9 +180,7 @@ class Mechanism:
         return replace(self, model=model, placements=readonly(self.placements[row]))
 
     def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
-        """A model, its data, and its coordinates row by row; placements that change are set
-        before each row.
-        """
+        """A model, its data, and its coordinates row by row, with the placements of the row."""
         if self.placements.ndim == 3:
             return self.model, self.model.createData(), self.configuration(q)
         model = self.model.copy()
@@ -198,9 +192,7 @@ class Mechanism:
             yield row
 
     def _in_model(self) -> Array:
-        """M_j as placements of the model's frames, which stand beside the chain's by the
-        shifts of the screws.
-        """
+        """M_j as placements of the model's frames, which the screws shift against the chain's."""
         shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
         there = self.placements.copy()
         there[..., :3, 3] -= shifts
@@ -228,9 +220,7 @@ class Mechanism:
 
     @cached_property
     def _rates(self) -> Array | None:
-        """(n,) coordinates of the model per unit of the joint positions; None where a
-        joint has several.
-        """
+        """(n,) model coordinates per unit of the joints; None where a joint has several."""
         if any(len(screw.rates) > 1 for screw in self.screws):
             return None
         return readonly(np.concatenate([screw.rates for screw in self.screws]))

@@ -140,9 +140,7 @@ def _rotation_vectors(vectors: Array, old: Array) -> Array:
 
 
 def _fixed_angles(R: Array, old: Array) -> Array:
-    """Angles about the fixed axes x, y, z (N, 3) nearest to `old`; with the middle one at ±90 deg
-    the first is kept.
-    """
+    """Angles about fixed x, y, z (N, 3) nearest to `old`; the first is kept at ±90 deg."""
     horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
     pitch = np.arctan2(-R[:, 2, 0], horizontal)
     roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])

@@ -124,9 +124,7 @@ def _targets(robot: Robot) -> list[str]:
 
 
 def _masses(robot: Robot) -> list[str]:
-    """Links with an implausible mass, or with a centre of mass beyond the whole arm; gravity
-    depends on them.
-    """
+    """Links with an implausible mass or centre of mass, on which gravity depends."""
     remedy = "correct <inertial>, from which gravity is computed"
     unread = _unread_masses(robot)
     if unread:

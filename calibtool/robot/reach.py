@@ -61,9 +61,7 @@ class Reach:
         )
 
     def excludes(self, target: Array, position: float, orientation: float) -> np.ndarray:
-        """Poses (N, 4, 4) that no joint positions give to within `position` (m) and `orientation`
-        (rad): (N,) bool.
-        """
+        """Poses (N, 4, 4) that no joints reach within `position` (m) and `orientation` (rad)."""
         distance = np.linalg.norm(
             target[:, :3, :3] @ self.p_tool + target[:, :3, 3] - self.p_base, axis=-1
         )
@@ -119,9 +117,7 @@ def _nearest_points(points: Array, axes: Array) -> Array:
 
 
 def _polygon(sides: Array, slack: float) -> tuple[float, float]:
-    """Least and greatest closing side of a polygon with these sides, and with others of together
-    at most `slack`.
-    """
+    """Least and greatest closing side of a polygon with these sides and a `slack`."""
     most, longest = float(sides.sum()) + slack, float(sides.max(initial=0.0))
     return max(0.0, 2.0 * longest - most), most
 

@@ -20,9 +20,7 @@ RANK = 1e-5  # of the largest singular value or pivot; CAD programs round number
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Equations at one closed configuration, scaled to rad: C (m, J), and the joints' columns at
-    the tool, (6, J).
-    """
+    """Equations at one closed configuration, in rad: C (m, J), and columns at the tool (6, J)."""
 
     columns: Array
     at_tool: Array

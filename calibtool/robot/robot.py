@@ -164,9 +164,7 @@ class Robot:
         return q_controller @ self.coupling.T if self.coupled else q_controller
 
     def to_controller(self, q: Array) -> Array:
-        """Joint positions as the controller shows them from those of the serial chain,
-        (…, n), rad or m.
-        """
+        """The controller's joint values for those of the serial chain, (…, n), rad or m."""
         return q @ np.linalg.inv(self.coupling).T if self.coupled else q
 
     def serial_from(self, values: JointValues, q: Array) -> Array:
@@ -285,9 +283,7 @@ class Robot:
         return inside
 
     def closing(self, q: Array) -> Array:
-        """Rows of q (N, n) at which the loops of the nominal robot close; all rows without
-        loops.
-        """
+        """Rows of q (N, n) at which the nominal robot's loops close; all without loops."""
         return q if self.chain.tree is None else q[self.mechanism.closes(q)]
 
     def singularity_distance(self, q: Array) -> Array:

@@ -53,9 +53,7 @@ class Screw:
         return Screw.of, (self.twist,)  # Pinocchio's joint cannot be pickled
 
     def coordinates(self, q: Array) -> Array:
-        """The model's coordinates for joint positions q (N,), rad or m: (N, 1), or position and
-        quaternion (N, 7).
-        """
+        """Model coordinates for joints q (N,): (N, 1), or position and quaternion (N, 7)."""
         if len(self.rates) == 1:
             return q[:, None] * self.rates
         position = exp6(self.twist * q[:, None])[:, :3, 3]

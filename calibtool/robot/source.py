@@ -3,12 +3,10 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.description import Description, Kinematics
 from calibtool.robot.named_files import contents, inside
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model
 from calibtool.robot.tool import Choice, chosen, quoted
 from calibtool.robot.tree import urdf_tree
 from calibtool.robot.urdf_text import Converted
@@ -31,7 +29,9 @@ def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
 
     Raises InputError with `place`, the key and what is wrong.
     """
-    return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
+    return Source(
+        read_model(Description, parse_toml(toml_text, place), place), toml_text, urdf_text, place
+    )
 
 
 def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] = ()) -> Source:
@@ -54,7 +54,7 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
     kind, text = told(contents(path), path)
     if kind != "toml":
         return bare_source(converted(kind, text, path, allowed), path.stem, tool, WHAT[kind])
-    description = _parse_description(text, str(path))
+    description = read_model(Description, parse_toml(text, str(path)), str(path))
     kinematics = description.kinematics
     if tool is not None:
         raise UsageError(f"--tool: {path} names its tool_frame, '{kinematics.tool_frame}'")
@@ -146,10 +146,3 @@ def example_robot_data() -> Path:
             "example-robot-data is not installed; run: pip install example-robot-data"
         ) from None
     return Path(str(located))
-
-
-def _parse_description(toml_text: str, place: str) -> Description:
-    try:
-        return Description.model_validate(parse_toml(toml_text, place))
-    except ValidationError as error:
-        raise InputError(f"{place}: {validation_message(error, Description)}") from None

@@ -18,9 +18,8 @@ def standard_rows(mechanism: Mechanism, n: int) -> list[DhRow]:
     """
     pose, jacobian = mechanism.forward_and_jacobian(np.zeros((1, n)))
     directions = jacobian[0, 3:].T
-    points = np.cross(
-        directions, jacobian[0, :3].T
-    )  # of each axis, the one nearest to the base's origin
+    # of each axis, the one nearest to the base's origin
+    points = np.cross(directions, jacobian[0, :3].T)
     x, z, origin = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
     rows = []
     for j in range(1, n + 1):

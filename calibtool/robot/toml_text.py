@@ -1,12 +1,13 @@
 """Texts in TOML, and their errors in one line."""
 
 import tomllib
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from calibtool.errors import InputError, near_names
 
+M = TypeVar("M", bound=BaseModel)
 _MOST_DOTS = 2000  # of one line: numbers and dotted keys
 
 
@@ -15,24 +16,27 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
     InputError with `place` for anything else, and for nesting that Python cannot follow.
     """
-    if (
-        max(line.count(".") for line in text.split("\n")) > _MOST_DOTS
-    ):  # tomllib's time grows with the square of a key's
+    # tomllib's time grows with the square of a key's length.
+    if max(line.count(".") for line in text.split("\n")) > _MOST_DOTS:
         raise InputError(f"{place}: not valid TOML: a line with more than {_MOST_DOTS} dots")
     try:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{place}: not valid TOML: nested too deeply") from None
-    except (
-        ValueError
-    ) as error:  # TOMLDecodeError is one, and so is an integer of thousands of digits
+    except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         raise InputError(f"{place}: not valid TOML: {error}") from None
 
 
+def read_model(model: type[M], keys: dict[str, Any], place: str) -> M:
+    """A model from the keys of a TOML text. InputError with `place` and the key that is wrong."""
+    try:
+        return model.model_validate(keys)
+    except ValidationError as error:
+        raise InputError(f"{place}: {validation_message(error, model)}") from None
+
+
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
-    """A finding of pydantic as one line: key, what is wrong, near names for an unknown key,
-    which comes first.
-    """
+    """A finding of pydantic in one line: key, problem, near names for an unknown key (first)."""
     findings = error.errors()
     first = next(
         (finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0]

@@ -140,9 +140,7 @@ def _round(tree: Tree, loop: Cut) -> set[Joint]:
 
 
 def _arm(way: Sequence[Joint]) -> Sequence[Joint]:
-    """The joints of the arm without those of a base below it that moves freely, and without its
-    rotation.
-    """
+    """The joints of the arm without those of a freely moving base, and without its rotation."""
     moving = [joint for joint in way if joint.moves]
     start = 0
     for k, joint in enumerate(moving):
@@ -247,9 +245,7 @@ def _ends(tree: Tree, links: list[str]) -> list[str]:
 
 
 def _locked(joints: list[Joint]) -> dict[str, float]:
-    """Positions of locked joints: 0, the limit next to it, or the position that a leading joint
-    gives.
-    """
+    """Positions of locked joints: 0, the limit next to it, or that of a leading joint."""
     free = {joint.name: _nearest_to_zero(joint) for joint in joints}
 
     def position(joint: Joint) -> float:

@@ -18,9 +18,7 @@ from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joi
 
 @dataclass(frozen=True, eq=False)
 class TreeReading:
-    """The contents of a description; joints in the order actuated, then the others as in the URDF;
-    loops with all rows.
-    """
+    """The contents of a description; actuated joints first; loops with all rows."""
 
     bodies: Bodies
     placements: Array
@@ -141,9 +139,7 @@ def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
 def _actuated_first(
     source: Source, names: list[str], used: list[int], mimics: set[str]
 ) -> tuple[list[int], int]:
-    """Joint ids: the actuated ones as the description names them, then the others; and the number
-    of the former.
-    """
+    """Joint ids, the actuated ones first in the description's order, and their number."""
     place, given = source.place, source.description.kinematics.actuated
     if given is None:
         if source.description.kinematics.loops:
@@ -197,9 +193,7 @@ def _given_closed(
 
 
 def _length(source: Source, placements: Array) -> float:
-    """Characteristic length: as given, or half of the sum of distances between neighbouring joint
-    frames.
-    """
+    """Characteristic length: as given, or half the sum of distances of neighbouring joints."""
     given = source.description.kinematics.length
     if given is not None:
         return given

@@ -84,9 +84,7 @@ def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
 
 
 def _tell_joints_from_links(model: pin.Model) -> None:
-    """Rename the frame of a joint that has the same name as a link: Pinocchio finds no frame by
-    such a name.
-    """
+    """Rename the frame of a joint with the name of a link: Pinocchio finds no such frame."""
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
         if frame.type != pin.FrameType.BODY and frame.name in links:
@@ -157,9 +155,7 @@ def frame_id(model: pin.Model, frame: str, name: str) -> int:
 
 
 def base_placement(model: pin.Model, base_frame: str | None, name: str) -> pin.SE3:
-    """Pose of K_0 in the root link: of `base_frame`, which must not move (InputError),
-    or the identity.
-    """
+    """Pose of K_0 in the root link: of a fixed `base_frame` (InputError), or the identity."""
     if base_frame is None:
         return pin.SE3.Identity()
     frame = model.frames[frame_id(model, base_frame, name)]

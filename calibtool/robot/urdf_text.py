@@ -1,6 +1,4 @@
-"""A URDF built link by link, for descriptions in other formats; and the parts that a tree cannot
-hold.
-"""
+"""A URDF built link by link for other formats, and the parts that a tree cannot hold."""
 
 from collections.abc import Container, Mapping
 from types import MappingProxyType

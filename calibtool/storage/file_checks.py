@@ -141,9 +141,7 @@ def _long_texts(dataset: h5py.Dataset, room: int) -> int:
 
 
 def _check_attributes(path: str, item: Any) -> int:
-    """Bytes of its attributes' texts of variable length. Many references to one long text would
-    fill the memory.
-    """
+    """Bytes of its attributes' texts of variable length, which many references multiply."""
     total = 0
     for name in item.attrs:
         attribute = item.attrs.get_id(name)

@@ -89,9 +89,8 @@ def _column(group: h5py.Group, name: str) -> list[Cell]:
             raise ValueError(
                 f"{group.name}/{name} holds {group[name].dtype}; expected whole numbers"
             )
-        return [
-            None if value == -1 else int(value) for value in group[name][()]
-        ]  # seeds of 53 bits stay exact
+        # seeds of 53 bits stay exact
+        return [None if value == -1 else int(value) for value in group[name][()]]
     return [None if np.isnan(value) else float(value) for value in values]
 
 

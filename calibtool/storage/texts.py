@@ -65,7 +65,6 @@ def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
 
 
 def _kind(*data: bytes) -> np.dtype:
-    kind: np.dtype = h5py.string_dtype(
-        "utf-8", max([1, *map(len, data)])
-    )  # HDF5 has no text of length zero
+    # HDF5 has no text of length zero
+    kind: np.dtype = h5py.string_dtype("utf-8", max([1, *map(len, data)]))
     return kind

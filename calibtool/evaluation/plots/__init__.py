@@ -1,6 +1,4 @@
-"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same
-bytes every time.
-"""
+"""All figures of `plot` and the report: for print, colour-blind safe, the same bytes every time."""
 
 from calibtool.evaluation.plots.arm_picture import draw_arm
 from calibtool.evaluation.plots.figures import FIGURES, Subject, draw

@@ -16,22 +16,20 @@ from calibtool.robot.skeleton import skeleton
 # Colours of Okabe and Ito, for colour-blind readers; shapes differ, too.
 _LINK, _AXIS, _TARGET = "#777777", "#CC79A7", "#E69F00"
 _FRAME = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
+# horizontal, vertical axis of K_0
 _VIEWS = (
     ("from the side", 0, 2),
     ("from the front", 1, 2),
     ("from above", 0, 1),
-)  # horizontal, vertical axis of K_0
+)
 
-_AROUND = np.array(
-    [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [1.3, 0.0], [-1.3, 0.0]]
-)  # where labels may go
+# where labels may go
+_AROUND = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [1.3, 0.0], [-1.3, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """Points and directions in K_0, mm. links: a line through every joint, along the slides; marks:
-    where joints stand.
-    """
+    """Points and directions in K_0, mm. links: a line through every joint; marks: joints."""
 
     prismatic: list[bool]
     links: Array
@@ -168,9 +166,7 @@ def _frame(panel: Axes, pose: Array, size: float, plane: list[int]) -> None:
 
 
 def _name_points(panel: Axes, arm: _Arm, plane: list[int]) -> None:
-    """Names beside base, joints and tool, where there is most room; points that coincide in this
-    view share one label.
-    """
+    """Names beside base, joints and tool, with the most space; coinciding points share one."""
     points = np.concatenate([np.zeros((1, 3)), arm.marks, arm.tool[None, :3, 3]])[:, plane]
     names = ["base", *(f"j{j + 1}" for j in range(len(arm.marks))), "tool"]
     groups: list[tuple[Array, list[str]]] = []

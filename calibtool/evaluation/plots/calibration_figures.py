@@ -78,9 +78,7 @@ def training(calibrations: Named, width_mm: float) -> Figure:
 
 
 def joint_motions(calibration: Calibration, q: Array) -> Array:
-    """δρ of the actuated joints (N, n) at q (N, n), rad or m: joint-motion functions and network,
-    no constant offsets.
-    """
+    """δρ of the actuated joints (N, n) at q (N, n), rad or m, without constant offsets."""
     motion = calibration.base.errors.motion(q, calibration.conditions)
     return (
         motion
@@ -227,9 +225,7 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
 
 
 def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) -> Figure:
-    """Joint positions of the training (lines) and judged ones (N, n) (shade), between the
-    limits of each joint.
-    """
+    """Joints of the training (lines) and judged ones (N, n) (shade), between the limits."""
     figure, axes = panels(width_mm, robot.n, (55.0, 34.0))
     sets: list[tuple[int, str, Array]] = []
     for i, (name, calibration) in enumerate(calibrations, 1):

@@ -178,9 +178,7 @@ def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
 
 
 def magnification(extent: float, error: Array) -> float:
-    """A round factor, at least 1, by which the median of errors (N, 3) is 5 to 8 % of the
-    extent.
-    """
+    """A round factor, at least 1, that makes the median of errors (N, 3) 5 to 8 % of the extent."""
     median = float(np.median(np.linalg.norm(error, axis=-1)))
     if not median > 0:
         return 1.0

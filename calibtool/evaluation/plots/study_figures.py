@@ -1,6 +1,4 @@
-"""A study's errors as boxes: methods side by side, one block per combination of robot, errors,
-noise and configurations.
-"""
+"""A study's errors as boxes: methods side by side, a block per combination."""
 
 import numpy as np
 from matplotlib.axes import Axes

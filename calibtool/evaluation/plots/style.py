@@ -86,9 +86,7 @@ def sheet(width_mm: float, height_mm: float) -> Figure:
 def panels(
     width_mm: float, count: int, panel_mm: tuple[float, float], head_mm: float = 8.0
 ) -> tuple[Figure, list[Axes]]:
-    """Equal panels of at least panel_mm (width, height), as many side by side as fit; head_mm is
-    kept for a legend.
-    """
+    """Equal panels of at least panel_mm (width, height); head_mm is kept for a legend."""
     across = max(1, min(count, int(width_mm // panel_mm[0])))
     down = -(-count // across)
     figure = sheet(width_mm, down * panel_mm[1] + head_mm)
@@ -114,9 +112,7 @@ def line(i: int) -> dict[str, Any]:
 
 
 def label(name: str, longest: int = 28) -> str:
-    """A name from a file as matplotlib shows it unchanged: neither mathematics ($) nor hidden (_),
-    and not too long.
-    """
+    """A name from a file as matplotlib shows it: no mathematics ($), not hidden (_), not long."""
     shown = name if len(name) <= longest else f"{name[: longest - 1]}…"
     return f"{' ' if shown.startswith('_') else ''}{shown}".replace("$", r"\$")
 
@@ -134,9 +130,7 @@ def legend(figure: Figure, axes: Axes, across: int = 4) -> None:
 
 
 def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> None:
-    """A logarithmic axis with plain numbers, where there is anything above zero; values:
-    arrays (N,) or (N, m).
-    """
+    """A logarithmic axis with plain numbers if a value is above zero; values: (N,) or (N, m)."""
     every = np.concatenate([np.ravel(v) for v in values])
     positive = every[np.isfinite(every) & (every > 0)]
     if not len(positive):
@@ -151,9 +145,7 @@ def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> 
 
 
 def to_bytes(figure: Figure, image: ImageFormat, *, letters: bool = False) -> bytes:
-    """The picture; the same figure gives the same bytes. letters: keep the text of an SVG text, in
-    the reader's font.
-    """
+    """The picture, always the same bytes. letters: text of an SVG stays text."""
     buffer = io.BytesIO()
     with (
         warnings.catch_warnings(),

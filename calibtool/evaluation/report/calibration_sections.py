@@ -1,6 +1,4 @@
-"""Sections about the calibrations themselves: training, joint motions, parameters, flagged rows,
-observability, noise.
-"""
+"""Sections about calibrations: training, motions, parameters, flagged rows, noise."""
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report

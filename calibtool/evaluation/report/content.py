@@ -40,9 +40,7 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Change:
-    """One error before and after, in `unit`; its reduction, and the noise of the measurement
-    behind it, as text.
-    """
+    """One error before and after, in `unit`, its reduction and the measuring noise, as text."""
 
     what: str
     before_value: float

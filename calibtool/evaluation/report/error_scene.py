@@ -1,6 +1,4 @@
-"""The errors as arrows in three dimensions, for the page: tool positions and errors of every
-method.
-"""
+"""The errors as arrows in 3-D for the page: tool positions and errors of every method."""
 
 import json
 

@@ -1,6 +1,4 @@
-"""Sections about the judged configurations: errors, where they point, what no joint corrects,
-ISO 9283, coverage.
-"""
+"""Sections about the judged configurations: errors, directions, ISO 9283, coverage."""
 
 from dataclasses import replace
 from typing import Any

@@ -82,9 +82,7 @@ def _watch(
 
 
 def _given(study: Study) -> Study:
-    """The study as a task, so that it travels once and can be made again
-    when its worker is lost.
-    """
+    """The study as a task: it is sent once, and made again when its worker is lost."""
     return study
 
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from calibtool.errors import InputError
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model
 
 
 class ClusterSecurity(BaseModel):
@@ -31,10 +31,7 @@ def parse_security(text: str, place: str, folder: Path) -> ClusterSecurity:
 
     InputError, with `place`, for other keys and for files that are not there.
     """
-    try:
-        named = ClusterSecurity.model_validate(parse_toml(text, place))
-    except ValidationError as error:
-        raise InputError(f"{place}: {validation_message(error, ClusterSecurity)}") from None
+    named = read_model(ClusterSecurity, parse_toml(text, place), place)
     found = {name: folder / path for name, path in named}
     for name, path in found.items():
         if not path.is_file():

@@ -13,9 +13,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from calibtool import __version__
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
-from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
+from calibtool.errors import CalibtoolError, UsageError, near_names
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model, validation_message
 
 NOMINAL = "nominal"
 METHODS = (NOMINAL, "local-poe", "complete", "network", "network-local-poe", "default")
@@ -117,17 +117,12 @@ def _kinds(text: str) -> list[str]:
 
 def parse_definition(text: str, name: str) -> Definition:
     """A definition from TOML text. Raises InputError with the key that is wrong."""
-    try:
-        return Definition.model_validate(parse_toml(text, name))
-    except ValidationError as error:
-        raise InputError(f"{name}: {validation_message(error, Definition)}") from None
+    return read_model(Definition, parse_toml(text, name), name)
 
 
 @dataclass(frozen=True)
 class Run:
-    """One actual robot of one combination; `number` counts from 1 and draws the same robot in
-    every combination.
-    """
+    """One actual robot of one combination; `number`, from 1, is the same robot in each of them."""
 
     robot: int  # index in Study.robots
     configurations: int
@@ -209,9 +204,8 @@ class Study:
         combination, replicate = divmod(index, self.definition.runs)
         robot, errors, scale, noise, configurations = self._combinations[combination]
         stream = np.random.SeedSequence(self.definition.seed, spawn_key=(replicate,))
-        seed = int(
-            stream.generate_state(1, np.uint64)[0] >> np.uint64(11)
-        )  # 53 bits: exact in any JSON reader
+        # 53 bits: exact in any JSON reader
+        seed = int(stream.generate_state(1, np.uint64)[0] >> np.uint64(11))
         return Run(robot, configurations, errors, scale, noise, replicate + 1, seed)
 
     def check_version(self, version: str) -> None:

@@ -89,9 +89,8 @@ class Journal:
                 attempt("locks", self.lacking, lock)
             with open(file, "rb", closefd=False) as stream:
                 data = stream.read()
-            whole = data[
-                : data.rfind(b"\n") + 1
-            ]  # a line that was cut off by an interruption is dropped
+            # a line that was cut off by an interruption is dropped
+            whole = data[: data.rfind(b"\n") + 1]
             try:
                 if not data.startswith(_START[: len(data)]):
                     raise UsageError(f"{path}: is no journal of calibtool study; {_REMEDY}")

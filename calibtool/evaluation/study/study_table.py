@@ -1,6 +1,4 @@
-"""The tidy table of a study: one row per run and method, units in the header, an empty cell where
-there is no number.
-"""
+"""The tidy table of a study: one row per run and method, units in the header."""
 
 import csv
 import io
@@ -139,9 +137,8 @@ def _parsed(column: str, cell: str) -> Cell:
         return cell
     if cell == "" and COLUMNS.index(column) >= _FIRST_RESULT:
         return None
-    if (
-        "_" in cell or not cell.isascii()
-    ):  # Python would take 1_0 and digits of any script for numbers
+    # Python would take 1_0 and digits of any script for numbers
+    if "_" in cell or not cell.isascii():
         raise ValueError(cell)
     return int(cell) if column in COUNTS else float(cell)
 

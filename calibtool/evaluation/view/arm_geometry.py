@@ -24,9 +24,7 @@ _THIN = 1e-9  # m: shorter links have no length
 
 
 def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
-    """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot
-    that comes from it.
-    """
+    """Folders of the robot's meshes: the given ones, and example-robot-data for its robots."""
     from_library = robot.source.description.kinematics.example_robot_data is not None
     return [*given, *([example_robot_data().parent] if from_library else [])]
 
@@ -120,18 +118,15 @@ def _copied(mesh: Path, copy: Path) -> Path:
 
 
 def simple_shape(robot: Robot) -> pin.GeometryModel:
-    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as suits
-    the size of the robot.
-    """
+    """Cylinders along links, rails and axes, boxes for slides, sized by the robot."""
     shape = pin.GeometryModel()
     placements, twists = robot.chain.placements, robot.chain.twists
     links = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 2 or 0.3
     width = (links if robot.chain.tree is None else min(links, robot.length)) / 30  # one leg's size
     origin = np.zeros(3)
     joint = robot.chain.model_joints  # of Pinocchio, by number; 0 is the base
-    for k, (placement, carrier) in enumerate(
-        zip(placements, robot.chain.placed_on, strict=True)
-    ):  # from the origin of a joint's frame to that of the next one
+    # from the origin of a joint's frame to that of the next one
+    for k, (placement, carrier) in enumerate(zip(placements, robot.chain.placed_on, strict=True)):
         thick = width if k < len(twists) else width / 2
         _add_rod(shape, f"link{k}", joint[carrier], origin, placement[:3, 3], thick)
     for j, twist in enumerate(twists[: robot.n]):

@@ -48,9 +48,7 @@ def refusal(host: str, port: int, hosts: list[str], origins: list[str], upgrade:
 
 @contextlib.contextmanager
 def _asking(host: str, port: int) -> Iterator[list[int]]:
-    """In this block, websocket servers call `refusal` for every request; yields the growing list of
-    their ports.
-    """
+    """In this block, websocket servers call `refusal` for every request; yields their ports."""
     import websockets.asyncio.server as library
 
     serve, asked = library.serve, list[int]()

@@ -65,9 +65,7 @@ class Scene:
 
 
 def scene_of(contents: Measurements | Calibration) -> Scene:
-    """Measured targets against those of the nominal robot, or a calibration's prediction at its
-    own configurations.
-    """
+    """Measured or predicted targets beside those of the nominal robot."""
     robot, q = contents.robot, contents.q
     nominal_pose = robot.mechanism.forward(q)
     if isinstance(contents, Measurements):

@@ -37,9 +37,8 @@ def check_measurements(
     found += condition_findings(measurements, fit, auxiliary or AuxiliaryReadings())
     if (clocks := clock_finding(measurements, stream)) is not None:
         found.append(clocks)
-    repeats = any(
-        finding.name == "repeatability" for finding in found
-    )  # it counts the repeated rows too
+    # it counts the repeated rows too
+    repeats = any(finding.name == "repeatability" for finding in found)
     found += [
         finding
         for finding in design_findings(measurements.robot, measurements.q)

@@ -1,6 +1,4 @@
-"""Time offset between a stream of joints and measurements with their own stamps, for a moving
-arm.
-"""
+"""Time offset between a stream of joints and measurements with own stamps, for a moving arm."""
 
 from dataclasses import dataclass, replace
 

@@ -34,9 +34,7 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
 
 
 def repeated_groups(q: Array) -> np.ndarray:
-    """Number of the configuration of each row of q (N, n), (N,); rows within REPEATS are the same
-    configuration.
-    """
+    """Number (N,) of the configuration of each row of q (N, n); rows within REPEATS are equal."""
     pairs = cKDTree(q).query_pairs(REPEATS, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
     groups: np.ndarray = connected_components(links, directed=False)[1]

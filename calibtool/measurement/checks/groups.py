@@ -1,6 +1,4 @@
-"""Rows that fit in a few separate groups: the instrument, the targets or the touched object were
-moved.
-"""
+"""Rows that fit in separate groups: the instrument, targets or touched object was moved."""
 
 from dataclasses import dataclass
 
@@ -16,9 +14,7 @@ _REFINED = 6  # rows on either side of a border among which it is sought
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Consecutive rows [start, end), the rms to which each group fits, m, and the rms over all of
-    them.
-    """
+    """Consecutive rows [start, end), the rms of each group's fit, m, and the rms over all."""
 
     borders: list[tuple[int, int]]
     sizes: list[float]
@@ -44,9 +40,7 @@ class Groups:
 
 
 def groups_of_rows(measurements: Measurements, explained: float) -> Groups | None:
-    """Two to eight groups of consecutive rows that the nominal robot fits to an rms of `explained`
-    m, or None.
-    """
+    """Two to eight groups of consecutive rows that fit to an rms of `explained` m, or None."""
     if measurements.place is not None:
         return None
     points = measurements.points_alone()

@@ -21,9 +21,7 @@ _LINE = 0.02  # extent across a line over that along it
 
 
 def kind_findings(measurements: Measurements) -> list[Finding]:
-    """Readings that the nominal robot does not explain, planes touched only along a line, and the
-    design.
-    """
+    """Readings that the nominal robot does not explain, planes touched along a line, the design."""
     robot, setup = measurements.robot, measurements.setup
     poses = robot.mechanism.forward(measurements.q)
     try:

@@ -1,6 +1,4 @@
-"""Changes during the measurement: drift, temperature, scatter of repeated configurations, commanded
-and read positions.
-"""
+"""Changes while measuring: drift, temperature, scatter, commanded and read positions."""
 
 from dataclasses import replace
 
@@ -45,9 +43,7 @@ def condition_findings(
 
 
 def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Scatter of the residuals within repeated configurations, so that small differences of the
-    joints do not count.
-    """
+    """Scatter of the residuals, not of the points, within repeated configurations."""
     groups = repeated_groups(measurements.q)
     seen = measurements.seen.repeat(3, axis=-1)
     size = np.zeros((int(groups.max()) + 1, seen.shape[1]))
@@ -75,9 +71,7 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """Movement of fixed points. Von Neumann's ratio of successive differences to variance tells
-    drift from noise.
-    """
+    """Movement of fixed points, by von Neumann's ratio of differences to variance."""
     if auxiliary.reference_points is None:
         return None
     readings = ReferencePoints(np.arange(float(len(measurements))), auxiliary.reference_points)
@@ -176,9 +170,7 @@ def _temperature(
 def _trends(
     measurements: Measurements, fit: Fit, outward: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their
-    sizes in standard errors.
-    """
+    """Slopes (4,) of the residual over values (N,) along x, y, z and outward, and in std errors."""
     unexplained = Unexplained.of(measurements, fit.setup)
     slopes, sizes = np.empty(4), np.empty(4)
     directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
@@ -191,9 +183,7 @@ def _trends(
 
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """The part of the way from the commanded (0) to the read (1) positions at which the points show
-    the robot.
-    """
+    """Where the points show the robot between the commanded (0) and the read (1) positions."""
     commanded, read = auxiliary.q_commanded, auxiliary.q_read
     if commanded is None or read is None:
         commanded = measurements.q if commanded is None else commanded

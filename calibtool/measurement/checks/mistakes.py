@@ -32,9 +32,7 @@ class Mistake:
 
 
 def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
-    """Common single mistakes in a table, more probable ones first, repaired in some of the rows
-    (k,).
-    """
+    """Common single mistakes in a table, probable ones first, repaired in some rows (k,)."""
     measurements = every.rows(rows)
     robot, q = measurements.robot, measurements.q
     turning = [j for j in range(robot.n) if not robot.prismatic[j]]
@@ -97,9 +95,7 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
 
 
 def _joint_values_option(robot: Robot, q: Array, repaired: Array) -> str:
-    """The option that reads q (N, n) as the repaired ones, where the robot's coupling explains the
-    mistake.
-    """
+    """The option that reads q (N, n) as the repaired ones, where the coupling explains it."""
     if not robot.coupled:
         return ""
     if np.allclose(robot.to_serial(q), repaired):

@@ -1,6 +1,4 @@
-"""Comparison of the measurements with the nominal robot, and the single mistakes that would explain
-a bad fit.
-"""
+"""Comparison with the nominal robot, and the single mistakes that would explain a bad fit."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -19,10 +17,11 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
 
+# of the length, and m: no arm is built so badly that its drawing misses by more
 _SUSPICIOUS, _AT_LEAST = (
     1.5e-2,
     5e-3,
-)  # of the length, and m: no arm is built so badly that its drawing misses by more
+)
 _GROSS = 3e-2  # the same, when nothing that was tried explains it
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows tried without
@@ -58,9 +57,7 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
 
 
 def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Whether the orientations of a 6-D instrument turn as the robot does: the sensor must be fixed
-    to the tool.
-    """
+    """Whether the sensor of a 6-D instrument turns with the tool."""
     if measurements.rotations is None or len(measurements) < 3 or not np.isfinite(fit.rms):
         return None
     T_base_tool = measurements.robot.mechanism.forward(measurements.q)
@@ -80,9 +77,7 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _single_mistake(measurements: Measurements) -> list[Finding]:
-    """The mistake without which the robot explains the points, or a finding that none of the tried
-    ones does.
-    """
+    """The mistake without which the robot explains the points, or a finding that none does."""
     rows = spread_rows(len(measurements), _MOST_ROWS)
     some = measurements.rows(rows)
     before = nominal_fit(some, free=True).rms
@@ -130,9 +125,7 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
 
 
 def _spread(measurements: Measurements) -> float:
-    """Distance of the points from their mean, m rms. With an arm that hardly moves, the points
-    hardly spread.
-    """
+    """Rms distance of the points from their mean, m; small for an arm that hardly moves."""
     points = measurements.points[measurements.seen]
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=-1).mean()))
 
@@ -147,9 +140,7 @@ def _small_zero(measurements: Measurements) -> list[Finding]:
 
 
 def _rows_off(measurements: Measurements) -> Finding | None:
-    """A few rows without which all others fit: a slipped decimal, or the joint value of another
-    row.
-    """
+    """A few rows without which all others fit: a slipped decimal, joints of another row."""
     kept = np.arange(len(measurements))
     before = after = nominal_fit(measurements, free=True)
     for _ in range(10):
@@ -178,9 +169,7 @@ def _rows_off(measurements: Measurements) -> Finding | None:
 
 
 def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Finding:
-    """A given set-up that does not fit: targets in another order, or a wrong frame or wrong
-    targets.
-    """
+    """A given set-up that does not fit: targets in another order, a wrong frame or targets."""
     setup, m = measurements.setup, len(measurements.setup.targets)
     if setup.targets_known and 2 <= m <= 5:
         tried = []

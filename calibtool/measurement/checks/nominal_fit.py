@@ -14,9 +14,7 @@ from calibtool.robot.se3 import Array
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set-up, its residuals of the points (N, 3m) in K_0, and the rms distance per target, m
-    (infinite: no fit).
-    """
+    """A set-up, residuals of the points (N, 3m) in K_0, rms distance per target, m (inf: none)."""
 
     setup: Setup
     residual: Array
@@ -24,9 +22,7 @@ class Fit:
 
 
 def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
-    """The nominal robot registered to the points, without orientations; free: given parts of the
-    set-up, too.
-    """
+    """The nominal robot registered to the points alone; free: given parts of the set-up, too."""
     points = measurements.points_alone()
     setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup
     points = replace(points, setup=setup)

@@ -70,9 +70,7 @@ def _mirrored(measurements: Measurements, rotations: Array) -> Measurements:
 
 
 def _rms(measurements: Measurements) -> float:
-    """Rms of the residual lengths of the nominal robot, m; infinite where it cannot be
-    registered.
-    """
+    """Rms residual of the lengths with the nominal robot, m; infinite without registration."""
     poses = measurements.robot.mechanism.forward(measurements.q)
     try:
         setup = register(measurements, poses)

@@ -17,9 +17,7 @@ _FLOOR = 1e-6  # m: smallest standard deviation of a distance; exact data have r
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Distances (N, P) between the targets of each pair, their scatter (P,), and unit vectors
-    (P, 3) along them.
-    """
+    """Distances (N, P) between targets, their scatter (P,), and unit vectors (P, 3) along them."""
 
     index: list[tuple[int, int]]
     distances: Array
@@ -133,18 +131,14 @@ def _pairs(points: Array) -> _Pairs:
 
 
 def _running_median(values: Array) -> Array:
-    """Median of each row and two on either side (at the ends: of the first or last five): (N, P).
-    It keeps steps.
-    """
+    """Median of five rows around each (N, P), at the ends the outer five; it keeps steps."""
     middle = np.clip(np.arange(len(values)), 2, len(values) - 3)
     result: Array = np.median(values[middle[:, None] + np.arange(-2, 3)], axis=1)
     return result
 
 
 def _step(values: Array, scatter: Array) -> tuple[int, Array, float]:
-    """First row after the largest change of the columns' means, the change (P,), its squared
-    significance.
-    """
+    """First row after the largest change of the means, the change (P,), its significance."""
     count = len(values)
     before = np.arange(1, count)[:, None]
     total = np.cumsum(values - values[0], axis=0)

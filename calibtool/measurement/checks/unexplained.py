@@ -1,6 +1,4 @@
-"""Part of a series that a cause explains beyond the errors of the robot (generalised least
-squares).
-"""
+"""Part of a series that a cause explains beyond errors of the robot (generalised least squares)."""
 
 from dataclasses import dataclass
 
@@ -53,9 +51,7 @@ class Unexplained:
         return cls(A, np.linalg.inv(A.T @ A + np.eye(A.shape[1])))
 
     def slope(self, x: Array, y: Array) -> tuple[float, float]:
-        """Slope of y over x, both (N, d), and its standard error, the scale of the covariance
-        estimated.
-        """
+        """Slope of y over x, both (N, d), and its standard error, with an estimated scale."""
         x, y = x.ravel(), y.ravel()
         weighted = self._weighted(x)
         power = max(float(x @ weighted), 1e-300)

@@ -84,9 +84,7 @@ def zeros_of_all_joints(measurements: Measurements) -> Zeros | None:
 
 
 def _rounded(found: Zeros, j: int) -> Zeros:
-    """A multiple of 15 deg where it explains the points as well: the difference is due to the arm's
-    own errors.
-    """
+    """A multiple of 15 deg if it explains the points as well, despite the arm's errors."""
     if found.measurements.robot.prismatic[j]:
         return found
     whole = np.zeros_like(found.offsets)
@@ -104,9 +102,7 @@ def _moved(measurements: Measurements, j: int, offset: float) -> Measurements:
 
 
 def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zeros:
-    """Gauss–Newton iteration over the offsets of some joints, the instrument's frame and the
-    targets.
-    """
+    """Gauss–Newton iteration over the offsets of some joints, instrument frame and targets."""
     points = measurements.points_alone()
     setup = replace(points.setup, frame_known=False, targets_known=False)
     offsets = np.zeros(measurements.robot.n)

@@ -1,3 +1,1 @@
-"""Images of a board: detection, the lens, and measurements of its corners. Needs OpenCV, the extra
-`camera`.
-"""
+"""Images of a board: detection, lens, measured corners. Needs OpenCV, the extra `camera`."""

@@ -3,12 +3,12 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibtool.errors import InputError, near_names
 from calibtool.measurement.images.opencv import opencv
 from calibtool.robot.se3 import Array
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model
 
 Length = Annotated[float, Field(gt=0, lt=1e4)]
 Squares = Annotated[int, Field(ge=2, le=200)]
@@ -99,7 +99,4 @@ def dictionary_number(name: str) -> int:
 
 def parse_board(text: str, name: str) -> BoardDescription:
     """A board from TOML text. Raises InputError with the key that is wrong."""
-    try:
-        return BoardDescription.model_validate(parse_toml(text, name))
-    except ValidationError as error:
-        raise InputError(f"{name}: {validation_message(error, BoardDescription)}") from None
+    return read_model(BoardDescription, parse_toml(text, name), name)

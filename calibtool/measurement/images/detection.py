@@ -39,9 +39,7 @@ class Seen:
 
 
 def read_image(path: Path) -> Any:
-    """A grey image (h, w) uint8 in the sensor's orientation, or None for a file that is no
-    image.
-    """
+    """A grey image (h, w) uint8 in the sensor's orientation; None for a file that is none."""
     cv2 = opencv()
     data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     if not len(data):
@@ -129,9 +127,7 @@ def _mapped(H: Array, points: Array) -> Array:
 
 
 def off_plane(pixels: Array, board: BoardDescription) -> float:
-    """Distance of corners (m, 2) from those of the flat board by a homography, px rms; infinite for
-    fewer than six.
-    """
+    """Distance of corners (m, 2) from a flat board's, px rms; infinite for fewer than six."""
     seen = np.isfinite(pixels[:, 0])
     if seen.sum() < _LEAST:
         return float("inf")

@@ -25,7 +25,7 @@ from calibtool.measurement.importing.labels import label_columns
 from calibtool.measurement.importing.readings import read_joints
 from calibtool.measurement.importing.sources import read_source
 from calibtool.measurement.importing.spelling import spelt
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
 from calibtool.progress import Progress, silent

@@ -70,9 +70,7 @@ def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
 
 
 def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
-    """A given lens (9,), with the poses of the board from corners (N, m, 2), px, of a flat board
-    (m, 3), m.
-    """
+    """A given lens (9,) with poses of the board from corners (N, m, 2), px, of a board (m, 3)."""
     cv2 = opencv()
     K = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1]])
     poses, residual = np.tile(np.eye(4), (len(pixels), 1, 1)), np.full_like(pixels, np.nan)

@@ -1,6 +1,4 @@
-"""Import of files of instruments: tables by header or by map, SpatialAnalyzer's points, Excel
-sheets, joint files.
-"""
+"""Import of files of instruments: tables, SpatialAnalyzer's points, Excel sheets, joint files."""
 
 from calibtool.measurement.importing.assemble import import_table, read_table, template_of
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
@@ -10,7 +8,7 @@ from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.references import brought_back
 from calibtool.measurement.importing.row_selection import choose_rows, select_rows
 from calibtool.measurement.importing.second_arm_columns import SecondArm
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 
 __all__ = [
     "ColumnMap",

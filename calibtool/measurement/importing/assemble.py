@@ -1,6 +1,4 @@
-"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are registered
-afterwards.
-"""
+"""Instrument tables → measurements and auxiliary readings, before the set-up is registered."""
 
 from dataclasses import replace
 
@@ -34,7 +32,7 @@ from calibtool.measurement.importing.readings import (
 from calibtool.measurement.importing.row_selection import line_ranges
 from calibtool.measurement.importing.second_arm_columns import SecondArm, is_second, seen_from
 from calibtool.measurement.importing.sources import SourceTable, read_source
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.measurement.importing.template import map_template
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.streams import JointStream

@@ -2,14 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Point
 from calibtool.robot.orientation import numbers_in
-from calibtool.robot.toml_text import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, read_model
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
 
@@ -45,9 +45,7 @@ class JointColumns(_Strict):
 
 
 class TargetColumns(_Strict):
-    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where its
-    position is known.
-    """
+    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` if known."""
 
     measured: Triple | None = None
     nominal: Triple | None = None
@@ -145,9 +143,7 @@ class PayloadColumn(_Strict):
 
 
 class JoinColumns(_Strict):
-    """The columns by which rows of the table and of the joint file match: names, or time stamps
-    with a unit.
-    """
+    """The columns by which rows of table and joint file match: names, or stamps with a unit."""
 
     measured: str
     joints: str
@@ -200,9 +196,7 @@ class ColumnMap(_Strict):
         return {column for part in parts for column in part}
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with the kind of its joint values; also of those read back, unless they state
-        it.
-        """
+        """The same with a kind of joint values; also of those read back, unless they state it."""
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})
@@ -224,18 +218,13 @@ class ColumnMap(_Strict):
 
 def parse_column_map(text: str, name: str) -> ColumnMap:
     """A column map from TOML text. Raises InputError with the key that is wrong."""
-    try:
-        keys = parse_toml(text, name)
-        if not keys:
-            raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
-        return ColumnMap.model_validate(keys)
-    except ValidationError as error:
-        raise InputError(f"{name}: {validation_message(error, ColumnMap)}") from None
+    keys = parse_toml(text, name)
+    if not keys:
+        raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
+    return read_model(ColumnMap, keys, name)
 
 
 def check_convention(value: str) -> None:
-    """ValueError unless `value` names an orientation; Euler angles say whether the axes turn
-    (`intrinsic`).
-    """
+    """ValueError unless `value` is a convention; Euler angles need `intrinsic` or `extrinsic`."""
     if value != "zyx" and not numbers_in(value):
         raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")

@@ -1,6 +1,4 @@
-"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise the encodings of
-spreadsheets.
-"""
+"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, or encodings of spreadsheets."""
 
 import codecs
 import re
@@ -13,11 +11,12 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+# Windows, DOS, old Macs; the first unless signs speak for another
 _EIGHT_BIT = (
     "cp1252",
     "cp850",
     "mac_roman",
-)  # Windows, DOS, old Macs; the first unless signs speak for another
+)
 _SIGN = re.compile(r"(?<![^\W\d_])[°µ²³](?=[^\wà-ÿ]|[cCFKmM]?\b|$)")
 _BEGINNING = 4000  # bytes, in which zeros tell UTF-16 without a mark
 

@@ -30,15 +30,13 @@ from calibtool.measurement.importing.measured_columns import (
 )
 from calibtool.measurement.importing.names import Named, named
 from calibtool.measurement.importing.sources import SourceTable
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table
 
 
 class Found(NamedTuple):
-    """The parts that the names of headers define; an error instead of a part that they do not
-    define clearly.
-    """
+    """The parts that the names of headers define; an error for a part that they do not define."""
 
     joints: JointColumns | InputError
     measured: ColumnMap | InputError

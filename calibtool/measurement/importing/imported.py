@@ -55,9 +55,7 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, auxiliary readings, how the files were understood, and the stream of
-    joints.
-    """
+    """Measurements, warnings, auxiliary readings, how files were read, the stream of joints."""
 
     measurements: Measurements
     warnings: list[str]

@@ -1,6 +1,4 @@
-"""Columns of joint values by their usual names: J1, A1, `Achse 1`, joint_1, a joint of the URDF, S
-L U R B T.
-"""
+"""Columns of joint values by their usual names: J1, A1, `Achse 1`, joint_1, a URDF's joint."""
 
 import re
 from collections.abc import Sequence

@@ -20,9 +20,7 @@ def label_columns(table: Table) -> list[str]:
 
 
 def label_keys(texts: Sequence[str]) -> list[str]:
-    """Names in a form for comparison, without capitals and leading zeros. Empty names stay
-    empty.
-    """
+    """Names for comparison, without capitals and leading zeros. Empty names stay empty."""
     return [re.sub(r"0*(\d+)", r"\1", text.strip().casefold()) for text in texts]
 
 
@@ -52,9 +50,7 @@ def overlap(one: Sequence[str], other: Sequence[str]) -> int:
 
 
 def label_pair(measured: Table, joints: Table) -> tuple[str, str] | None:
-    """The columns of two tables whose names agree most, `name` in both before all others; None
-    without any.
-    """
+    """The columns of two tables whose names agree most; `name` in both has priority."""
     if "name" in measured.header and "name" in joints.header:
         return "name", "name"
     pairs = [(a, b) for a in label_columns(measured) for b in label_columns(joints)]

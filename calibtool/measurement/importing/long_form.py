@@ -1,6 +1,4 @@
-"""Lists with one measured point per line → one row per configuration, by the names of the
-points.
-"""
+"""Lists with one measured point per line → one row per configuration, by the names."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -19,7 +19,7 @@ from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.names import Named
 from calibtool.measurement.importing.sources import SourceTable
 from calibtool.measurement.importing.spelling import spelt
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
@@ -110,9 +110,7 @@ def reference_columns(names: Named, stated: Stated) -> list[ReferenceColumns]:
 def _numbered(
     names: Named, pattern: re.Pattern[str], stated: Stated
 ) -> list[tuple[int, LengthUnit, str]]:
-    """Number, unit and the suffix of the columns of numbered points, by number. InputError for two
-    units or none.
-    """
+    """Number, unit and suffix of columns of numbered points. InputError for two units or none."""
     found: dict[int, tuple[str, str | None]] = {}
     for column in names.original:
         match = pattern.fullmatch(column)
@@ -154,9 +152,7 @@ def _position(names: Named, stated: Stated) -> tuple[list[str], LengthUnit] | No
 
 
 def _pose(names: Named, stated: Stated) -> PoseColumns | None:
-    """A position with an orientation. Three angles without a convention are refused, never
-    guessed.
-    """
+    """A position with an orientation. Three angles without a convention are refused."""
     position = _position(names, stated)
     if position is None:
         return None

@@ -46,9 +46,7 @@ _NEED_UNIT = ("temperature", "payload")
 
 @dataclass(frozen=True)
 class Named:
-    """A table under the names of docs/file-formats.md, and what its file calls them (by those
-    names).
-    """
+    """A table under the names of docs/file-formats.md, with the file's own names."""
 
     table: Table
     original: dict[str, str]
@@ -101,9 +99,7 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
 
 
 def _orientation(turned: Sequence[Turned], who: frozenset[str]) -> dict[str, str]:
-    """The orientation of the point of these words, or the only quaternion that is not the robot's
-    own.
-    """
+    """The orientation of the point of these words, or the only quaternion of no robot."""
     own = [of.columns for of in turned if owner(of.who) == who]
     others = [of.columns for of in turned if not of.who & ROBOT and "qw" in of.columns.values()]
     return next((found[0] for found in (own, others) if len(found) == 1), {})

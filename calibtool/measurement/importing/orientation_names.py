@@ -27,9 +27,7 @@ class Turned(NamedTuple):
 
 
 def orientation_names(columns: Sequence[str]) -> list[Turned]:
-    """Whole orientations: quaternions as `qw qx qy qz`, three angles as `rx …` or `roll …` with
-    their unit.
-    """
+    """Whole orientations: quaternions, or three angles `rx …` or `roll …` with their unit."""
     found: list[Turned] = []
     for parts in _grouped(columns, _QUATERNION):
         four = next((p for p in _PARTS if set(parts.columns) == set(p)), None)

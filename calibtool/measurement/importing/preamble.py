@@ -1,6 +1,4 @@
-"""Lines around the header that are no rows: the instrument's own text before it, and a line of
-units after it.
-"""
+"""Lines before the header that are the instrument's own text, and a line of units after it."""
 
 import re
 

@@ -1,6 +1,4 @@
-"""Columns → arrays in metres and radians: joints, target points, orientations,
-auxiliary readings.
-"""
+"""Columns → arrays in m and rad: joints, target points, orientations, auxiliary readings."""
 
 import numpy as np
 

@@ -10,7 +10,7 @@ from calibtool.measurement.importing.labels import label_columns
 from calibtool.measurement.importing.measured_columns import measured_columns, reference_columns
 from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.sources import SourceTable, read_source
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array
 from calibtool.units import TO_SI

@@ -7,7 +7,7 @@ import numpy as np
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.importing.imported import Imported
 from calibtool.measurement.importing.reference_file import read_references
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.measurement.reference_motion import (
     InstrumentMotion,
     ReferencePoints,

@@ -1,6 +1,4 @@
-"""ROS 2 bags and mcap files as two tables with stamps: joints and measured values. Needs rosbags,
-extra `ros`.
-"""
+"""ROS 2 bags and mcap files as two tables with stamps. Needs rosbags, extra `ros`."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,6 +1,4 @@
-"""The bytes of a file → its table: text with a header, SpatialAnalyzer's points, or an Excel
-sheet.
-"""
+"""The bytes of a file → its table: text with a header, SpatialAnalyzer's points, Excel."""
 
 import re
 from dataclasses import dataclass

@@ -43,9 +43,7 @@ class _Point:
 
 @dataclass(frozen=True)
 class PointList:
-    """The table made of a list of points: a column `name`, then `<target> x`, `<target> y`,
-    `<target> z` per target.
-    """
+    """The table of a list of points: `name`, then `<target> x`, `… y`, `… z` per target."""
 
     table: Table
     targets: tuple[str, ...]
@@ -58,9 +56,7 @@ class PointList:
 
 
 def looks_like_points(text: str) -> bool:
-    """Whether the first line that is no comment is a point: three names, of which not all are
-    numbers, then x, y, z.
-    """
+    """Whether the first line is a point: three names, of which not all are numbers, x, y, z."""
     for line in text_lines(text):
         cells = _cells(line)
         if cells:
@@ -199,9 +195,7 @@ def _keys(points: list[_Point], layout: str, name: str) -> list[tuple[tuple[str,
 
 
 def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
-    """The shortest ends of the keys that keep all of them distinct, joined as SpatialAnalyzer
-    does.
-    """
+    """The shortest ends of the keys that are distinct, joined as SpatialAnalyzer does."""
     for length in range(1, len(keys[0])):
         if len({key[-length:] for key in keys}) == len(keys):
             return ["::".join(key[-length:]) for key in keys]
@@ -209,9 +203,7 @@ def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def in_order(targets: list[str]) -> list[str]:
-    """Targets in the order of the numbers at the end of their names if all have different ones,
-    otherwise as they are.
-    """
+    """Targets in the order of the numbers at the end of their names, if these differ."""
     numbers = [re.search(r"\d{1,18}$", target) for target in targets]
     values = [int(match[0]) for match in numbers if match]
     if len(set(values)) < len(targets):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from calibtool.errors import InputError
 from calibtool.measurement.importing.header import parts_found
 from calibtool.measurement.importing.sources import SourceTable
-from calibtool.measurement.importing.stated import Stated
+from calibtool.measurement.importing.stated_units import Stated
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table
 

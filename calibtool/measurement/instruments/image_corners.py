@@ -94,9 +94,7 @@ def _observed(
 
 
 def _images(board: Array) -> Array:
-    """Corners in the image for poses of the board in the camera (N, 4, 4): (N, m, 2), NaN
-    outside of it.
-    """
+    """Corners in the image for poses of the board (N, 4, 4): (N, m, 2), NaN outside of it."""
     corners = transform_points(board, BOARD.corners)
     pixels = project(corners, LENS)
     margin = 10.0

@@ -1,6 +1,4 @@
-"""Poses of boards fixed in the cell, seen by a camera on the tool; residuals are in the camera's
-frame, like their noise.
-"""
+"""Poses of boards fixed in the cell, with residuals in the frame of a camera on the tool."""
 
 from __future__ import annotations
 
@@ -125,9 +123,7 @@ def _boards(setup: Setup) -> Array:
 
 
 def _at(board: Array) -> Array:
-    """Effect of a twist of the camera's frame on a pose (N, 4, 4): position and rotation (N, 6,
-    6).
-    """
+    """Effect of a twist of the camera's frame on a pose (N, 4, 4): (N, 6, 6)."""
     moved = np.tile(np.eye(6), (len(board), 1, 1))
     moved[:, :3, 3:] = -skew(board[:, :3, 3])
     return moved

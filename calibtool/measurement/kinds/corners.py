@@ -98,9 +98,7 @@ class Corners(Kind):
         return np.array([not name.startswith("lens.") for name in self.names(setup)])
 
     def sees(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> np.ndarray:
-        """Whether the whole board is in the image, whose size is assumed to be twice its centre
-        coordinates.
-        """
+        """Whether the whole board is in the image, assumed to be twice its centre in size."""
         _, _, corners = self._in_camera(setup, T_base_tool, place)
         intrinsics = _array(setup, "intrinsics")
         pixels = project(corners, intrinsics)
@@ -160,8 +158,8 @@ class Corners(Kind):
         return np.array(found)
 
     def _placed(self, setup: Setup, on_tool: Array, in_cell: Array) -> Setup:
-        """The set-up with poses of the object on the tool (4, 4) and of the objects in the cell (G,
-        4, 4).
+        """The set-up with poses of the object on the tool (4, 4) and of those in the cell (G, 4,
+        4).
         """
         changed = {self.on_tool: readonly(on_tool), self.in_cell: readonly(in_cell)}
         return replace(setup, **changed)  # type: ignore[arg-type]

@@ -1,6 +1,4 @@
-"""Distances from one point of the tool to points fixed in the cell: wires, ball-bars, a probe on
-spheres.
-"""
+"""Distances from a point of the tool to fixed points: wires, ball-bars, spheres."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Protocol of a kind of observation: residuals of a row, their columns, and the free part of the
-set-up.
-"""
+"""Protocol of a kind of observation: residuals, their columns, free part of the set-up."""
 
 from __future__ import annotations
 

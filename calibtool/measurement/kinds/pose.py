@@ -20,9 +20,7 @@ _POINT = TargetPoints()
 
 
 class SensorPose(InstrumentKind):
-    """d = 6: x, y, z of the sensor and a rotation vector; the set-up holds its orientation on the
-    tool.
-    """
+    """d = 6: x, y, z of the sensor and a rotation vector; its orientation is in the set-up."""
 
     id, words = "pose", "6-D pose"
     arrays: ClassVar = {"R_tool_sensor": ((3, 3), "1", "orientation of the 6-D sensor")}

@@ -147,9 +147,7 @@ def _round(setup: Setup) -> np.ndarray:
 def _seen(
     setup: Setup, T_base_tool: Array, place: np.ndarray | None
 ) -> tuple[Array, Array, Array, Array]:
-    """The tool's points (N, 3), distances (N,) and unit vectors (N, 3) from the rows' centres, and
-    radii (N,).
-    """
+    """Tool's points (N, 3), distances (N,) and unit vectors (N, 3) from centres, radii (N,)."""
     points = transform_points(T_base_tool, setup.targets)[:, 0]
     spheres = of_place(_spheres(setup), place, len(points))
     apart = points - spheres[:, :3]

@@ -5,9 +5,9 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.closed_loop_network import Taught
 from calibtool.export.layers import layers
 from calibtool.export.rendering import LARGEST_POSITION, Precision, joint_lines, left_out, render
-from calibtool.export.taught import Taught
 
 
 def taught_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:

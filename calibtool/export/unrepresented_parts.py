@@ -36,9 +36,7 @@ def not_held(
 
 
 def all_together(whole: Array, held: Array) -> list[str]:
-    """A line with the distance of poses (N, 4, 4) from those of a format; None where they are
-    equal.
-    """
+    """A line with the distance of poses (N, 4, 4) from those of a format; None if equal."""
     sizes = _sizes(whole, held)
     if sizes.max() <= _NOTHING:
         return []
