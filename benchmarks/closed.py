@@ -98,7 +98,7 @@ def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
         workspace,
         count,
         constraints=Constraints(),
-        criterion="d",
+        criterion="i",
         candidates=2000,
         rng=np.random.default_rng(seed),
     )

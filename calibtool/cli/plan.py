@@ -51,10 +51,10 @@ def plan(
     criterion: Annotated[
         str,
         typer.Option(
-            metavar="d|i",
-            help="Least uncertainty of the parameters (d) or of poses in the workspace (i).",
+            metavar="i|d",
+            help="Least uncertainty of poses in the workspace (i) or of the parameters (d).",
         ),
-    ] = "d",
+    ] = "i",
     source: Annotated[
         str | None,
         typer.Option(
