@@ -331,7 +331,8 @@ def test_what_is_wrong_is_one_line(name: str, pairs: list, message: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "given"), [("fivebar", "x, rx, ry, rz"), ("delta", "x, rx, ry"), ("prs3", "z, y, rz")]
+    ("name", "given"),
+    [("fivebar", "x, rx, ry, rz"), ("delta", "x, rx, ry"), ("palletizer-level", "z, rx")],
 )
 def test_virtual_joints_that_the_joints_are_themselves_are_refused(name: str, given: str) -> None:
     named = ", ".join(f'"{joint}"' for joint in given.split(", "))
