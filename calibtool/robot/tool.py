@@ -136,7 +136,7 @@ def _closing(tree: Tree, tool: str, loops: Sequence[Cut]) -> tuple[tuple[Cut, ..
 
 
 def _check_two_links(tree: Tree, loops: Sequence[Cut], name: str) -> None:
-    """InputError for a loop from a moving link to itself; of two that stand still it says nothing."""
+    """InputError for a loop from a moving link to itself."""
     for loop, a, b, _ in loops:
         moves = any(joint.moves for joint in tree.ways.get(a, ()))
         if moves and not _round(tree, (loop, a, b, "")):
