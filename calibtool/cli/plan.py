@@ -49,12 +49,14 @@ def plan(
         int, typer.Option("-n", "--configurations", min=1, help="How many to choose.")
     ] = 20,
     criterion: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="i|d",
-            help="Least uncertainty of poses in the workspace (i) or of the parameters (d).",
+            help="Least uncertainty of poses in the workspace (i, the default for points) or of "
+            "the parameters (d, the default for other instruments, whose place has to be found "
+            "too).",
         ),
-    ] = "i",
+    ] = None,
     source: Annotated[
         str | None,
         typer.Option(
@@ -194,7 +196,8 @@ def plan(
         check_output(target, force, suffixes=(".csv",))
     if program is not None:
         check_output(program, force)
-    choice(criterion, ("d", "i"), "--criterion")
+    if criterion is not None:
+        choice(criterion, ("d", "i"), "--criterion")
     from dataclasses import replace
     from typing import cast
 
@@ -257,7 +260,7 @@ def plan(
             space,
             configurations,
             constraints=constraints,
-            criterion=cast(Criterion, criterion),
+            criterion=cast(Criterion, criterion or ("i" if seen_by is None else "d")),
             candidates=candidates,
             rng=rng,
             refine=refine,
