@@ -30,7 +30,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, weights
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import at_point
+from calibtool.robot.singularity import at_point
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 BAYES = TrainingOptions(regularisation="bayes")

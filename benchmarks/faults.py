@@ -1,6 +1,9 @@
 """What commands leave when they are ended, starved or run twice at once, in whatever surroundings.
 
-Run: python benchmarks/faults.py [--tries 100] [--command NAME]... [--json]
+Run: python benchmarks/faults.py [--tries 100] [--command NAME]... [--kills] [--json]
+
+On another file system, for example a FAT image mounted at FOLDER:
+TMPDIR=FOLDER python benchmarks/faults.py --kills
 
 TRIES kills of every writing command at random moments, half as many at random steps of the
 writing, a quarter of the other faults that chance decides, the rest once. A row per fault and
@@ -23,7 +26,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -61,8 +64,8 @@ class Row:
 class Bench:
     """A working folder with the inputs, and what every command makes there."""
 
-    def __init__(self, folder: Path, tries: int) -> None:
-        self.tries, self.random = tries, random.Random(0)
+    def __init__(self, folder: Path, tries: int, kills: bool) -> None:
+        self.tries, self.kills, self.random = tries, kills, random.Random(0)
         self.inputs, self.folder, self.locales = (
             folder / "inputs",
             folder / "work",
@@ -85,6 +88,8 @@ class Bench:
         steps = ended.count_steps(writer.words, self.folder)
         for fault in ("kill -9 at a random moment", "kill -9 at a random step of the writing"):
             yield self.killed(fault, name, new, duration, steps)
+        if self.kills:
+            return ended.remove_outputs(self.folder, writer)
         yield from self.asked_to_end(name, new, steps)
         if name != "demo":  # of sixteen files, some are written before the disk is full
             yield self.large_file(name, new)
@@ -385,6 +390,7 @@ def main() -> None:
     names = [*filter(available, WRITERS), GENERAL]
     parser.add_argument("--tries", type=int, default=100)
     parser.add_argument("--command", choices=names, action="append")
+    parser.add_argument("--kills", action="store_true", help="Nothing but kill -9.")
     parser.add_argument("--json", action="store_true", help="One object per row.")
     options = parser.parse_args()
     if not options.json:
@@ -394,9 +400,10 @@ def main() -> None:
     )  # a run in the background may have been told to ignore it
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o755)
-        bench = Bench(Path(folder), options.tries)
-        for name in options.command or names:
+        with suppress(OSError):  # a file system without permissions
+            Path(folder).chmod(0o755)
+        bench = Bench(Path(folder), options.tries, options.kills)
+        for name in options.command or (names[:-1] if options.kills else names):
             for row in bench.general() if name == GENERAL else bench.command(name):
                 cells = (row.fault, row.command, row.tries, row.held, row.seen)
                 print(

@@ -43,8 +43,8 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.setup import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
 Table = list[list[str]]  # a header and rows
 

@@ -27,8 +27,8 @@ from calibtool.planning.constraints import Constraints
 from calibtool.planning.information import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import at_point
 
 ROBOTS = "fivebar,hexapod,delta,prs3,palletizer,palletizer-level,hybrid"
 NOISE = 0.05e-3

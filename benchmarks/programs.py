@@ -31,11 +31,11 @@ from calibtool.calibration import Calibration, identify
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.branches import Controller, solve_pose
+from calibtool.programs.branches import Controller, solve
 from calibtool.programs.configurations import posture
-from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, read_program
 from calibtool.programs.frames import pose
-from calibtool.programs.motions import Move
+from calibtool.programs.motions import Move, ProgramText
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
@@ -171,7 +171,7 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
     """
     controller = Controller(robot, coupling_of(robot, program_format, None))
     rows = []
-    program = reader(program_format)(text, robot)
+    program = read_program(program_format, [ProgramText("program", text)], robot)
     steps = [step for routine in program.routines for step in routine.body]
     aims = [aim.value for step in steps if isinstance(step, Move) for aim in step.aims]
     for number, start in zip(
@@ -181,11 +181,11 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
         if target.kind == "joint":
             rows.append(controller.to_serial(np.array(target.values)))
             continue
-        solved = solve_pose(
-            controller, pose(target.values, target.orientation), target.configuration, start
-        )
-        assert not isinstance(solved, str), solved
-        rows.append(solved)
+        T = pose(target.values, target.orientation)[None]
+        near = controller.home if start is None else start
+        solved = solve(controller, T, near[None], [target.configuration], np.ones(1, dtype=bool))
+        assert not solved.why[0], solved.why
+        rows.append(solved.q[0])
     return np.array(rows)
 
 

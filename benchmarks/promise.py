@@ -3,8 +3,9 @@
 Run: python benchmarks/promise.py [--json] [--quick] [--only TABLE,…] [--rows N] [--robots A,B]
 
 Every calibration is made from 100 configurations over the whole joint range of a robot with every
-kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is
-what the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
+kind of error (`--errors all`): the complete model, a network and a Gaussian process on the nominal
+robot. Judged is what the calibrated model says at fresh rows of the whole range. docs/numerics.md
+shows the tables.
 """
 
 import os
@@ -57,11 +58,11 @@ def calibrated(name: str, base: str) -> Calibration:
         seed=1, configurations=100, scales=ErrorScales(kinds=ERROR_KINDS), workspace="full"
     )
     data = simulate(robot, simulation)
-    return (
-        identify(data, base)
-        if base == "complete"
-        else train(data, base, TrainingOptions(regularisation="early-stopping", restarts=1))
-    )
+    if base == "complete":
+        return identify(data, base)
+    if base == "gaussian-process":
+        return train(data, "nominal", TrainingOptions(regressor=base))
+    return train(data, base, TrainingOptions(regularisation="early-stopping", restarts=1))
 
 
 def fresh(robot: Robot, count: int, seed: int = 7) -> Array:
@@ -107,7 +108,7 @@ JUDGED = [
 def promise(count: int, robots: list[str]) -> Table:
     rows = [["robot", "base", "method", *JUDGED]]
     for name in robots:
-        for base in ("complete", "nominal"):
+        for base in ("complete", "nominal", "gaussian-process"):
             calibration = calibrated(name, base)
             q = fresh(calibration.robot, count)
             for method in METHODS:

@@ -19,8 +19,8 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
 REGULAR = (
     2 * MIN_SINGULARITY_DISTANCE
@@ -60,7 +60,8 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     was worth keeping.
 
     `process`: a Gaussian process in place of the network. `everything`: random geometric errors of
-    all kinds, 32 harmonics per revolute joint, and wind-up under gravity.
+    all kinds, 32 harmonics per revolute joint, functions of pairs of joints, and wind-up under
+    gravity.
     """
     robot = load_robot(name)
     measurements = simulate(robot, Simulation(configurations=60))
@@ -91,12 +92,14 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
         errors = [
             rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))
         ]
+        shape = BY_ID["pairs"].shape(robot.n)
         revolute = ~np.array(robot.prismatic)
         drawn = RobotErrors.of(
             robot,
             **dict(zip(("placements", "twists", "offsets"), errors, strict=True)),
             harmonics=rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
             gravity=rng.random(robot.n) * 1e-6 * revolute,
+            pairs=rng.normal(size=shape) * 2e-5 * BY_ID["pairs"].free(robot, shape),
         )
         identified = replace(calibration.base, model="complete", errors=drawn)
         calibration = replace(calibration, base=identified)

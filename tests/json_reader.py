@@ -36,6 +36,13 @@ def model_from_json(c: dict, q: Array) -> tuple[Array, Array, Array]:
     for j, row in enumerate(base["harmonics_rad"]):
         moved[j] += sum(a * np.sin((h // 2 + 1) * q[j]) for h, a in enumerate(row) if h % 2 == 0)
         moved[j] += sum(b * np.cos((h // 2 + 1) * q[j]) for h, b in enumerate(row) if h % 2 == 1)
+    together = [(k, other) for k in range(n) for other in range(k + 1, n)]
+    for j, row in enumerate(base["pairs_rad"]):
+        for i in range(len(row) // 4):
+            both = q[together[i][0]] + q[together[i][1]]
+            between = q[together[i][0]] - q[together[i][1]]
+            waves = [np.sin(both), np.cos(both), np.sin(between), np.cos(between)]
+            moved[j] += np.dot(row[4 * i : 4 * i + 4], waves)
     for j in range(n):
         for i in range(j, n):
             centre = (joints[i] @ [*base["centres_of_mass_m"][i], 1])[:3]

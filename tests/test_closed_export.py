@@ -62,8 +62,8 @@ def test_the_c_code_corrects_as_near_as_its_header_says(tmp_path: Path) -> None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
     calibration = calibration_of("delta")
     taught = Taught.of(calibration)
-    header, source = calibration_as_c(calibration, "delta")
-    (tmp_path / "delta.h").write_text(header)
+    header, source = calibration_as_c(calibration, "delta", header_name="my-delta.h")
+    (tmp_path / "my-delta.h").write_text(header)
     (tmp_path / "delta.c").write_text(source)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
     library = tmp_path / "delta.so"

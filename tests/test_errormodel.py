@@ -310,7 +310,7 @@ def test_the_description_states_where_the_robot_hangs_and_what_it_carries() -> N
 def test_kinds_of_simulated_errors_are_those_of_the_families(fanuc: Robot) -> None:
     assert set(ERROR_KINDS) == {family.kind for family in FAMILIES}
     drawn: ActualRobot = random_actual(fanuc, ErrorScales(ERROR_KINDS), np.random.default_rng(0))
-    assert {family.id for family in drawn.errors.present} == set(BY_ID)
+    assert {family.id for family in drawn.errors.present} == set(BY_ID) - {"pairs"}
 
 
 def test_parameters_are_those_of_their_families(fanuc: Robot) -> None:
@@ -324,3 +324,15 @@ def test_parameters_are_those_of_their_families(fanuc: Robot) -> None:
     assert len(names) == len(set(names)) == parameters.count == len(parameters.prior_std())
     assert all(name.isascii() for name in names)
     assert sorted(np.concatenate(parameters.groups)) == list(range(parameters.blocks["base"].start))
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
+def test_no_rows_have_no_errors(family: Family, fanuc: Robot, rng: np.random.Generator) -> None:
+    """A table without rows is a table: every family answers with as many rows."""
+    errors, none = all_errors(fanuc, rng), np.zeros((0, fanuc.n))
+    alone = RobotErrors.of(fanuc, **{family.id: errors[family.id]})
+    rows = conditions(fanuc, 0, rng)
+    assert alone.forward(none, rows).shape == (0, 4, 4)
+    shape = errors[family.id].shape
+    found = family.columns(shape, alone.context(none, rows))
+    assert found.shape == (0, 6, int(np.prod(shape)))

@@ -206,7 +206,7 @@ def test_compiled_c_is_for_the_payload_and_temperature_asked_for_and_holds_turns
     assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
 
 
-@pytest.mark.parametrize("family", ["bending", "wobble", "payload"])
+@pytest.mark.parametrize("family", ["bending", "wobble", "payload", "pairs"])
 def test_each_turn_of_frames_alone_is_exported(family: str, compiled: Callable) -> None:
     calibration, alone = calibrated("fanuc-m1000ia", "local-poe", False), turning_by(family)
     q = anywhere(alone, 1000)

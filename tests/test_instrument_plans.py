@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from program_reading import reader
 
 from calibtool.errors import UsageError
 from calibtool.measurement.checks.design import repeated_groups
@@ -15,7 +16,6 @@ from calibtool.planning.information import Knowledge
 from calibtool.planning.instrument_rows import InstrumentRows, placed
 from calibtool.planning.plan import Plan, make_plan
 from calibtool.programs.agreement import positions
-from calibtool.programs.formats import reader
 from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import follow
 from calibtool.programs.point_list import point_list

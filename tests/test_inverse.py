@@ -7,10 +7,10 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.inverse import InverseResult, inverse_kinematics, solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, translation
+from calibtool.robot.singularity import at_point, scale_rows
 
 
 def forward(robot: Robot, q: Array) -> Array:

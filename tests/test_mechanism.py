@@ -9,30 +9,21 @@ from drawn import DrawnChain, DrawnJoint
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import (
-    MIN_SINGULARITY_DISTANCE,
+from calibtool.robot.inverse import solve_poses
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, relative_error
+from calibtool.robot.singularity import (
     at_point,
-    damped_solution,
     regularised_gram,
     scale_rows,
     singularity_distance,
 )
-from calibtool.robot.inverse import solve_poses
-from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, relative_error
 
 
 def tool_jacobian(robot: Robot, q: Array) -> Array:
     """Jacobian at the tool point, in K_0."""
     pose, jacobian = robot.mechanism.forward_and_jacobian(q)
     return at_point(jacobian, pose[:, :3, 3])
-
-
-def far_from_singular(robot: Robot, rng: np.random.Generator, count: int) -> Array:
-    q = random_positions(robot, rng, 40 * count)
-    far = q[np.linalg.svd(scale_rows(tool_jacobian(robot, q), robot.length))[1].min(axis=-1) > 0.1]
-    assert len(far) >= count
-    return far[:count]
 
 
 def test_the_tool_is_where_the_matrix_exponentials_put_it(
@@ -123,57 +114,6 @@ def test_scaling_rows_leaves_rotations_and_the_argument_alone(rng: np.random.Gen
     np.testing.assert_array_equal(scaled[:, 3:], original[:, 3:])
 
 
-@pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "kinova"])
-def test_far_from_a_singularity_six_joints_solve_exactly(
-    name: str, rng: np.random.Generator
-) -> None:
-    robot = load_robot(name)
-    jacobian, error = (
-        tool_jacobian(robot, far_from_singular(robot, rng, 20)),
-        rng.normal(size=(20, 6)) * 1e-3,
-    )
-    x, distance = damped_solution(jacobian, error, robot.length)
-    assert (distance >= MIN_SINGULARITY_DISTANCE).all()
-    np.testing.assert_allclose(
-        x, np.linalg.solve(jacobian, error[..., None])[..., 0], rtol=1e-7, atol=1e-12
-    )
-
-
-@pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_seven_joints_move_as_little_as_possible(name: str, rng: np.random.Generator) -> None:
-    robot = load_robot(name)
-    jacobian, error = (
-        tool_jacobian(robot, far_from_singular(robot, rng, 20)),
-        rng.normal(size=(20, 6)) * 1e-3,
-    )
-    x, _ = damped_solution(jacobian, error, robot.length)
-    np.testing.assert_allclose((jacobian @ x[..., None])[..., 0], error, atol=1e-10)
-    idle = np.linalg.svd(jacobian)[2][
-        :, -1
-    ]  # the motion of the elbow that leaves the tool where it is
-    assert np.abs((jacobian @ idle[..., None])[..., 0]).max() < 1e-12
-    assert np.abs((x * idle).sum(axis=-1)).max() < 1e-12
-
-
-@pytest.mark.parametrize("wrist", [0.0, 1e-9, 1e-6, 1e-4, 1e-2])
-def test_near_a_singularity_joint_motions_stay_bounded(
-    fanuc: Robot, wrist: float, rng: np.random.Generator
-) -> None:
-    q = np.tile([0.1, 0.2, -0.3, 0.4, wrist, 0.5], (200, 1))
-    error = rng.normal(size=(200, 6)) * np.array([fanuc.length] * 3 + [1.0] * 3)
-    jacobian = tool_jacobian(fanuc, q)
-    x, distance = damped_solution(jacobian, error, fanuc.length)
-    damping = MIN_SINGULARITY_DISTANCE - distance
-    assert (damping > 0).all()
-    size = np.linalg.norm(error / np.array([fanuc.length] * 3 + [1.0] * 3), axis=-1)
-    assert (np.linalg.norm(x, axis=-1) <= size / (2 * damping) * (1 + 1e-9)).all()
-    # The damped solution is the least of |J x − e|² + λ² |x|²: its gradient vanishes.
-    scaled = scale_rows(jacobian, fanuc.length)
-    left = (scaled @ x[..., None])[..., 0] - error / np.array([fanuc.length] * 3 + [1.0] * 3)
-    gradient = (np.swapaxes(scaled, 1, 2) @ left[..., None])[..., 0] + damping[:, None] ** 2 * x
-    assert np.abs(gradient).max() < 1e-6
-
-
 def test_no_configuration_gives_no_pose(fanuc: Robot) -> None:
     pose, jacobian = fanuc.mechanism.forward_and_jacobian(np.zeros((0, 6)))
     assert pose.shape == (0, 4, 4)
@@ -198,10 +138,6 @@ def test_slides_side_by_side_are_singular_and_can_be_solved_all_the_same(count: 
     )  # short: large entries, much rounding
     q = np.full((1, count), 1e-4)
     assert robot.singularity_distance(q)[0] < 1e-3
-    pose, jacobian = robot.mechanism.forward_and_jacobian(q)
+    pose = robot.mechanism.forward(q)
     solved = solve_poses(robot.mechanism.forward_and_jacobian, pose, q, length=robot.length)
     assert solved.reached.all()
-    motion, _ = damped_solution(
-        np.concatenate([jacobian] * 6, axis=-1), np.zeros((1, 6)), robot.length
-    )
-    assert np.isfinite(motion).all()

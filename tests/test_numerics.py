@@ -26,13 +26,13 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import (
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, exp6, readonly, transform_points
+from calibtool.robot.singularity import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     singularity_distance,
 )
-from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 # --- singularities --------------------------------------------------------------------------------
 

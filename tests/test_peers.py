@@ -2,6 +2,7 @@
 that are missing.
 """
 
+import argparse
 import importlib
 import py_compile
 import sys
@@ -36,8 +37,9 @@ def test_scripts_compile(script, tmp_path):
     py_compile.compile(str(script), cfile=str(tmp_path / "out.pyc"), doraise=True)
 
 
-def test_requirements_are_pinned_and_name_no_address():
-    lines = (PEERS / "requirements.txt").read_text(encoding="utf-8").splitlines()
+@pytest.mark.parametrize("file", ["requirements.txt", "requirements-numpy1.txt"])
+def test_requirements_are_pinned_and_name_no_address(file):
+    lines = (PEERS / file).read_text(encoding="utf-8").splitlines()
     packages = [line for line in lines if line and not line.startswith("#")]
     assert all(
         line.count("==") == 1 and "/" not in line and not line.startswith("-") for line in packages
@@ -48,7 +50,7 @@ def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
     geometry = peer("geometry")
     geometry.write_case(tmp_path, "placements", 0)
     geometry.ENTRIES = (geometry.Entry("nobody's tool", "no_such_package", {}, 1),)
-    geometry.table([tmp_path], 1)
+    geometry.table([tmp_path], 1, geometry.Interpreters())
     out = capsys.readouterr().out
     assert (
         "nobody's tool | skipped: no_such_package is not installed (pip install -r "
@@ -59,17 +61,65 @@ def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
 def test_run_states_why_a_table_is_missing(peer, monkeypatch):
     run = peer("run")
 
-    def fails(arguments):
+    def fails(arguments, python=""):
         raise run.PeerError("failed: ImportError: no such thing")
 
     monkeypatch.setattr(run, "output", fails)
-    assert "No table: failed: ImportError: no such thing" in run.section("training", 1)
+    text = run.section("training", 1, run.Interpreters())
+    assert "No table: failed: ImportError: no such thing" in text
 
 
 def test_versions_name_what_is_not_installed(peer, monkeypatch):
     run = peer("run")
-    monkeypatch.setattr(run, "PACKAGES", ("numpy", "no-such-package"))
-    assert run.versions().endswith(f"numpy {np.__version__}, no-such-package not installed")
+    monkeypatch.setattr(run, "PACKAGES", {"training": {"no_such": "no-such-package"}})
+    told = run.versions("training", run.Interpreters())
+    assert f"no-such-package not installed, numpy {np.__version__}, scipy" in told
+
+
+def test_a_peer_runs_in_the_interpreter_that_was_given(peer, tmp_path):
+    process = peer("process")
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nOWN=1 exec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    parser = argparse.ArgumentParser()
+    process.add_interpreters(parser)
+    given = process.interpreters(parser.parse_args(["--python", f"numpy={python}"]))
+    script = ["-c", "import os; print(os.environ.get('OWN'))"]
+    process.require("numpy", given["numpy"])
+    assert process.output(script, given["numpy"]).strip() == "1"
+    assert process.output(script, given["figaroh"]).strip() == "None"
+
+
+@pytest.mark.parametrize("text", ["numpy", "numpy=", "=python"])
+def test_an_interpreter_is_a_pair(peer, text):
+    process = peer("process")
+    parser = argparse.ArgumentParser()
+    process.add_interpreters(parser)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--python", text])
+
+
+def test_an_interpreter_that_is_not_there_is_a_line_of_the_table(peer):
+    process = peer("process")
+    with pytest.raises(process.PeerError, match="skipped: numpy: no interpreter"):
+        process.require("numpy", "/no/such/python")
+
+
+def test_one_section_is_made_again_and_the_others_stay(peer, monkeypatch, tmp_path):
+    run, page = peer("run"), tmp_path / "peers.md"
+    monkeypatch.setattr(run, "section", lambda name, *_: f"{run.COMPARISONS[name]}\nold {name}\n")
+    monkeypatch.setattr(sys, "argv", ["run.py", "--output", str(page)])
+    run.main()
+    monkeypatch.setattr(run, "section", lambda name, *_: f"{run.COMPARISONS[name]}\nnew {name}\n")
+    monkeypatch.setattr(sys, "argv", ["run.py", "--output", str(page), "--only", "training"])
+    run.main()
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if line.startswith(("old", "new"))] == [
+        "old geometry",
+        "new training",
+        "old kinematics",
+    ]
+    assert len([line for line in lines if line.startswith("## ")]) == 3
 
 
 def test_the_urdf_is_the_mdh_robot(peer, tmp_path):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from program_reading import reader
 
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.formats import reader
 from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Program

@@ -10,13 +10,14 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from program_reading import reader
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.programs.compensate import compensate_program
 from calibtool.programs.correction import ProgramOptions
-from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, detected
 from calibtool.programs.frames import pose, read_frames
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import inverse

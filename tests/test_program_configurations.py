@@ -7,8 +7,9 @@ from itertools import product
 
 import numpy as np
 import pytest
+from program_reading import solve_pose
 
-from calibtool.programs.branches import Controller, solve_pose
+from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Abb, Configuration, Digit, Fanuc, Kuka, posture
 from calibtool.programs.formats import coupling_of
 from calibtool.robot.catalogue import load_robot

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from program_reading import reader
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
@@ -15,7 +16,6 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import compensate_program
 from calibtool.programs.configurations import posture
 from calibtool.programs.correction import ProgramOptions
-from calibtool.programs.formats import reader
 from calibtool.programs.frames import poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, log3

@@ -11,16 +11,17 @@ import pytest
 from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from program_reading import reader, solve_pose
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.compensation.solve import compensate_joints
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.branches import Controller, solve_pose
+from calibtool.programs.branches import Controller
 from calibtool.programs.compensate import compensate_program
 from calibtool.programs.configurations import Fanuc, posture
 from calibtool.programs.correction import ProgramOptions
-from calibtool.programs.formats import coupling_of, reader
+from calibtool.programs.formats import coupling_of
 from calibtool.programs.frames import pose, read_frames
 from calibtool.programs.motions import POSE
 from calibtool.robot.catalogue import load_robot

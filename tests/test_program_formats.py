@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from program_reading import reader
 
-from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, detected
 from calibtool.programs.numbers import number_at
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot

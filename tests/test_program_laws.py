@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from program_reading import reader
 
 from calibtool.calibration import Calibration, identify
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -20,7 +21,7 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.branches import Controller, solve
 from calibtool.programs.compensate import compensate_program
-from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of
 from calibtool.programs.sequential_poses import follow_forest, forest
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import follow_path

@@ -6,8 +6,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from program_reading import reader
 
-from calibtool.programs.formats import detected, reader
+from calibtool.programs.formats import detected
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot

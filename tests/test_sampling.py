@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 UR5_HOME = np.deg2rad([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])

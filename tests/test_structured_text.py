@@ -80,7 +80,7 @@ def test_a_function_block_holds_turns_of_frames_payload_and_temperature(
     assert max(map(len, text.splitlines())) <= 125
 
 
-@pytest.mark.parametrize("family", ["bending", "wobble", "payload"])
+@pytest.mark.parametrize("family", ["bending", "wobble", "payload", "pairs"])
 def test_a_function_block_holds_each_turn_of_frames_alone(family: str) -> None:
     alone = turning_by(family)
     q = anywhere(alone, 20)

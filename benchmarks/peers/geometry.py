@@ -1,10 +1,11 @@
-"""Geometric identification beside figaroh and pybotics, from the same simulated measurements.
+"""Geometric identification beside figaroh, pybotics and robotkinecal, from the same measurements.
 
-Run: python benchmarks/peers/geometry.py [--seeds 20]. A UR10 given as modified Denavit–Hartenberg
-(MDH) parameters, which a URDF says exactly too; 50 configurations of the whole joint range, 0.05 mm
-noise, judged at 1,000 fresh ones without noise. Base frame and nominal targets are given to all.
-`with_<tool>.py` is what a user writes; every tool runs it in a process of its own. pybotics takes
-one target; with three, figaroh and calibtool see orientation as well.
+Run: python benchmarks/peers/geometry.py [--seeds 20] [--python PACKAGE=PYTHON]. A UR10 given as
+modified Denavit–Hartenberg (MDH) parameters, which a URDF says exactly too; 50 configurations of
+the whole joint range, 0.05 mm noise, judged at 1,000 fresh ones without noise. Base frame and
+nominal targets are given to all. `with_<tool>.py` is what a user writes; every tool runs it in a
+process of its own. pybotics takes one target; with three, the others see orientation as well:
+robotkinecal as 6-D poses, to which its user fits the three points.
 """
 
 import os
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from process import PeerError, output, require
+from process import Interpreters, PeerError, add_interpreters, interpreters, output, require
 
 HERE = Path(__file__).resolve().parent
 MDH = np.array(  # α rad, a mm, θ rad, d mm: pybotics.predefined_models.ur10()
@@ -63,9 +64,11 @@ ENTRIES = (
     Entry("figaroh `map`", "figaroh", {"METHOD": "map"}, 1),
     Entry("pybotics, chain and tool", "pybotics", {"WORLD": False}, 1),
     Entry("pybotics, chain, tool and world", "pybotics", {"WORLD": True}, 1),
+    Entry("robotkinecal, points", "robotkinecal", {}, 1),
     Entry("calibtool `complete`", "calibtool", {}, 3),
     Entry("figaroh `structural`", "figaroh", {"METHOD": "structural"}, 3),
     Entry("figaroh `map`", "figaroh", {"METHOD": "map"}, 3),
+    Entry("robotkinecal, poses", "robotkinecal", {}, 3),
 )
 
 
@@ -150,13 +153,14 @@ def write_case(folder: Path, case: str, seed: int) -> None:
     np.savez(folder / "fresh.npz", q=q[fresh], points=points[fresh], nominal=nominal[fresh])
 
 
-def run_tool(entry: Entry, folders: list[Path]) -> np.ndarray:
+def run_tool(entry: Entry, folders: list[Path], pythons: Interpreters) -> np.ndarray:
     """Mean and maximum position error in mm and CPU seconds, one row per folder.
 
     PeerError if missing or failed.
     """
-    require(entry.package)
-    text = output([__file__, "--tool", str(ENTRIES.index(entry)), *map(str, folders)])
+    python = pythons[entry.package]
+    require(entry.package, python)
+    text = output([__file__, "--tool", str(ENTRIES.index(entry)), *map(str, folders)], python)
     return np.array([[float(x) for x in line.split()] for line in text.splitlines()])
 
 
@@ -166,6 +170,7 @@ def tool_process(entry: Entry, folders: list[Path]) -> None:
     for name, value in entry.settings.items():
         setattr(user, name, value)
     targets = TARGETS[: entry.targets]
+    np.random.seed(0)  # noqa: NPY002 (robotkinecal draws from it)
     for folder in folders:
         fresh = np.load(folder / "fresh.npz")
         with contextlib.redirect_stdout(sys.stderr):
@@ -193,6 +198,7 @@ def cells(values: np.ndarray) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
+    add_interpreters(parser)
     parser.add_argument("--tool", type=int, help=argparse.SUPPRESS)
     parser.add_argument("folders", nargs="*", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -212,10 +218,10 @@ def main() -> None:
                 folder.mkdir()
                 write_case(folder, case, seed)
             for count in (1, 3):
-                table(folders, count)
+                table(folders, count, interpreters(arguments))
 
 
-def table(folders: list[Path], count: int) -> None:
+def table(folders: list[Path], count: int, pythons: Interpreters) -> None:
     """The rows of one case with `count` targets."""
     before = []
     for folder in folders:
@@ -227,7 +233,7 @@ def table(folders: list[Path], count: int) -> None:
     for entry in (e for e in ENTRIES if e.targets == count):
         start = f"| {count} | {entry.tool} |"
         try:
-            results = run_tool(entry, folders)
+            results = run_tool(entry, folders, pythons)
         except PeerError as error:
             print(f"{start} {error} | | | | |", flush=True)
             continue

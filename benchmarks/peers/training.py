@@ -1,7 +1,8 @@
 """Time to train the paper's network beside scikit-learn and PyTorch.
 
-Run: python benchmarks/peers/training.py [--seeds 5]. The paper's experiment (benchmarks/paper.py):
-fanuc-m1000ia in its 1 m cube, network on the nominal robot, 6-6-6 tanh, 50 + 50 configurations,
+Run: python benchmarks/peers/training.py [--seeds 5] [--python PACKAGE=PYTHON]. The paper's
+experiment (benchmarks/paper.py): fanuc-m1000ia in its 1 m cube, network on the nominal robot, 6-6-6
+tanh, 50 + 50 configurations,
 joint motions δρ̂ as the target (joint loss, Eq. 21). All train on the same scaled inputs and
 targets in float64 on one thread, five restarts per seed, and are judged by the same validation
 loss; calibtool and PyTorch start from the same weights and make the same steps. L-BFGS cannot be
@@ -22,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from process import PeerError, output, require
+from process import Interpreters, PeerError, add_interpreters, interpreters, output, require
 
 HIDDEN, RESTARTS = 6, 5
 ITERATIONS, EPOCHS = 200, 5000  # at most: Levenberg–Marquardt or L-BFGS; Adam
@@ -179,10 +180,11 @@ def tool_process(tool: str, files: list[Path]) -> None:
         )
 
 
-def run_tool(tool: str, files: list[Path]) -> list[list[np.ndarray]]:
+def run_tool(tool: str, files: list[Path], pythons: Interpreters) -> list[list[np.ndarray]]:
     """Curves (I, 2) by data set and restart. PeerError if the peer is missing or fails."""
-    require(TOOLS[tool][0])
-    output([__file__, "--tool", tool, *map(str, files)])
+    python = pythons[TOOLS[tool][0]]
+    require(TOOLS[tool][0], python)
+    output([__file__, "--tool", tool, *map(str, files)], python)
     return [list(np.load(f"{file}.curves.npz").values()) for file in files]
 
 
@@ -194,6 +196,7 @@ def time_to(curve: np.ndarray, level: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
+    add_interpreters(parser)
     parser.add_argument("--tool", help=argparse.SUPPRESS)
     parser.add_argument("files", nargs="*", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -208,7 +211,7 @@ def main() -> None:
             write_data(file, seed)
         for tool in TOOLS:
             try:
-                curves[tool] = run_tool(tool, files)
+                curves[tool] = run_tool(tool, files, interpreters(arguments))
             except PeerError as error:
                 notes[tool] = str(error)
     table(curves, notes)

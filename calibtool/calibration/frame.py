@@ -13,9 +13,9 @@ import numpy as np
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.setup import Setup
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
+from calibtool.robot.singularity import at_point
 
 FrameName = Literal["fitted", "taught"]
 FRAMES: tuple[str, ...] = get_args(FrameName)

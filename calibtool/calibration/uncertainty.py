@@ -8,8 +8,8 @@ import numpy as np
 from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import free_columns, pose_sigma
 from calibtool.errors import InputError
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import at_point
 
 _CHUNK = 2000
 

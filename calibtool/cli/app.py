@@ -31,6 +31,7 @@ from calibtool.cli import (
 )
 from calibtool.cli.command_help import Command
 from calibtool.cli.files import message
+from calibtool.cli.option_groups import with_groups
 from calibtool.cli.provenance import remember_command
 from calibtool.cli.verbosity import SWITCHES, detail, take_switches
 from calibtool.errors import CalibtoolError, near_names
@@ -176,4 +177,4 @@ for _name, _function in (
     ("info", info.info),
     ("demo", demo.demo),
 ):
-    app.command(_name, cls=Command)(_function)
+    app.command(_name, cls=Command)(with_groups(_function))

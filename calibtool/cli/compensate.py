@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import (
     STREAM,
     check_output,
@@ -13,49 +14,32 @@ from calibtool.cli.files import (
     message,
     one_stdin,
     output_stream,
+    read_text,
     shown,
     text_lines,
     wrote,
 )
-from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     EXACT,
     CalibrationFile,
     CompensationMethod,
     Force,
-    FrameOption,
     JointValuesOption,
     LargestChange,
     Output,
     Outside,
-    PayloadKg,
     TakeUpBacklash,
-    TemperatureC,
-    choice,
+    check_solving,
     joint_values_of,
-    under,
 )
 from calibtool.cli.options import largest_change as in_rad
-from calibtool.cli.programs import (
-    EXTERNAL,
-    FORMATS,
-    ROWS,
-    ControllerFile,
-    Dh,
-    External,
-    Format,
-    FramesFile,
-    OnError,
-    Partial,
-    Report,
-    WithFiles,
+from calibtool.cli.program_files import (
     check_not_input,
     compensate_file,
     compensate_folder,
-    controller_mechanism,
-    program_options,
     recognised,
 )
+from calibtool.cli.program_flags import ROWS, ProgramFlags, controller_mechanism
 from calibtool.cli.progress import counted
 from calibtool.errors import InputError, UsageError
 from calibtool.units import count_of, three_digits
@@ -68,6 +52,7 @@ if TYPE_CHECKING:
 
 
 def compensate(
+    *,
     calibration: CalibrationFile,
     targets: Annotated[
         str,
@@ -104,18 +89,8 @@ def compensate(
         ),
     ] = None,
     backlash: TakeUpBacklash = True,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
-    kind: Format = "auto",
-    on_error: OnError = "stop",
-    frames: FramesFile = None,
-    controller: ControllerFile = None,
-    dh: Dh = None,
-    with_: WithFiles = [],  # noqa: B006
-    external: External = "leave",
-    report: Report = None,
-    partial: Partial = False,
+    conditions: CalibrationOptions,
+    programs: ProgramFlags,
     workers: Annotated[
         int | None,
         typer.Option(
@@ -155,70 +130,70 @@ def compensate(
     folder = targets != STREAM and Path(targets).is_dir()
     if not folder:
         check_output(output, force)
+    report, others = programs.report, programs.with_ or []
     if report is not None:
         check_output(report, force, suffixes=(".csv",))
         if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
             raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
-    one_stdin(calibration, targets, frames, controller, *with_)
-    choice(method, ("exact", "one-step"), "--method")
-    choice(kind, FORMATS, "--format")
-    choice(on_error, ("stop", "skip"), "--on-error")
-    choice(external, EXTERNAL, "--external")
+    one_stdin(calibration, targets, programs.frames, programs.controller, *others)
+    programs.check()
     from typing import cast
 
     from calibtool.calibration.frame_report import frame_report
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.compensation.targets import OutsidePolicy
     from calibtool.processes import processors
 
-    choice(outside, OUTSIDE_POLICIES, "--outside")
+    check_solving(method, outside)
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = joint_values_of(joint_values)
     most, weighed = in_rad(largest_change_deg), _weights(weights)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     found_frame = frame_report(loaded)
     if found_frame is not None and found_frame.name == "fitted":
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     bounds = _bounds(loaded, most, weighed)
 
     def how() -> "ProgramOptions":
-        model = controller_mechanism(controller, dh, loaded.robot)
-        return program_options(
-            solver, policy, on_error, values, frames, backlash, external, most, weighed, model
+        from calibtool.programs.correction import ProgramOptions
+        from calibtool.programs.frames import NamedFrames, read_frames
+
+        frames = programs.frames
+        return ProgramOptions(
+            method=solver,
+            outside=policy,
+            on_error=programs.on_error,
+            joint_values=values,
+            frames=NamedFrames()
+            if frames is None
+            else read_frames(read_text(frames), shown(frames)),
+            backlash=backlash,
+            ignore_external=programs.external == "ignore",
+            largest_change=most,
+            weights=weighed,
+            controller_model=controller_mechanism(programs, loaded.robot),
         )
 
     if folder:
         check_for_rows(f"{targets} is a folder", uncertainty, verify, line_buffered)
-        compensate_folder(
-            loaded, targets, kind, output, force, how(), with_, report, partial, bounds
-        )
+        compensate_folder(loaded, targets, programs.kind, output, force, how(), programs, bounds)
         return
     with input_stream(targets) as stream:
-        found = recognised(targets, stream.peek()) if kind == "auto" else kind
+        found = recognised(targets, stream.peek()) if programs.kind == "auto" else programs.kind
         if found not in ROWS:
             check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
             for path in (output, *([] if report is None else [report])):
-                check_not_input(path, targets, calibration, *with_)
-            for_program = how()
+                check_not_input(path, targets, calibration, *others)
+            options_of_program = how()
+            data = stream.read()
             compensate_file(
-                loaded,
-                stream.read(),
-                targets,
-                found,
-                output,
-                force,
-                for_program,
-                with_,
-                report,
-                partial,
-                bounds,
+                loaded, data, targets, found, output, force, options_of_program, programs, bounds
             )
             return
-        if kind == "auto":
+        if programs.kind == "auto":
             check_rows(shown(targets), stream.peek())
-        for_programs = on_error != "stop" or frames is not None or with_ or report is not None
-        if for_programs or partial or controller is not None or dh is not None:
+        if programs.given:
             raise UsageError(
                 "--on-error, --frames, --with, --report, --partial and --controller are for "
                 f"programs, but {shown(targets)} holds rows"

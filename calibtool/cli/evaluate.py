@@ -6,18 +6,8 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
-from calibtool.cli.options import (
-    EXACT,
-    Before,
-    CompensationMethod,
-    Force,
-    FrameOption,
-    Json,
-    Outside,
-    RefitSetup,
-    Require,
-    choice,
-)
+from calibtool.cli.judging import CalibrationFiles, JudgedOn, Judging, require_met
+from calibtool.cli.options import Force, Json
 from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.units import count_of, three_digits
@@ -27,16 +17,9 @@ _STATISTICS = ("mean", "rms", "95 % below", "max", "change of max")
 
 
 def evaluate(
-    calibrations: Annotated[
-        list[str],
-        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
-    ],
-    on: Annotated[
-        str,
-        typer.Option(
-            metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen."
-        ),
-    ],
+    *,
+    calibrations: CalibrationFiles,
+    on: JudgedOn,
     output: Annotated[
         str | None,
         typer.Option(
@@ -46,12 +29,7 @@ def evaluate(
             help="Signed errors of every configuration; '-' is stdout.",
         ),
     ] = None,
-    method: CompensationMethod = EXACT,
-    outside: Outside = "mark",
-    refit_setup: RefitSetup = False,
-    require: Require = None,
-    frame: FrameOption = None,
-    before: Before = None,
+    judging: Judging,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -74,35 +52,18 @@ def evaluate(
         raise UsageError("--json and -o - both want stdout; give -o FILE")
     if output is not None:
         check_output(output, force, suffixes=(".csv",))
-    one_stdin(*calibrations, on, before)
-    choice(method, ("exact", "one-step"), "--method")
-    from typing import cast
-
+    one_stdin(*calibrations, on, judging.before)
     from calibtool.calibration.guard import also_in_training
-    from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
-    from calibtool.errors import AcceptanceError
-    from calibtool.evaluation.acceptance import broken_limits, parse_limit
-    from calibtool.evaluation.compare import evaluate as run
     from calibtool.evaluation.compare import judged_rows
     from calibtool.evaluation.metrics import error_rows
     from calibtool.tables import format_table
 
-    choice(outside, OUTSIDE_POLICIES, "--outside")
-    limits = [parse_limit(text) for text in require or []]
-    named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
+    limits = judging.limits()
+    named = [(stem(path), load_calibration(path, judging.frame)[0]) for path in calibrations]
     measurements, _ = load_measurements(on)
-    earlier = None if before is None else load_measurements(before)[0]
-    policy = cast(OutsidePolicy, outside)
+    earlier = None if judging.before is None else load_measurements(judging.before)[0]
     with working(f"evaluating on {len(measurements)} configurations"):
-        evaluation = run(
-            named,
-            measurements,
-            method=cast(Method, method),
-            refit_setup=refit_setup,
-            outside=policy,
-            before=earlier,
-        )
+        evaluation = judging.evaluation(named, measurements, earlier)
     if output is not None:
         header, rows = error_rows(evaluation.methods)
         write_output(output, format_table(header, rows), force)
@@ -133,9 +94,7 @@ def evaluate(
             )
     if output is not None:
         wrote(output, f"signed errors of {count_of(len(rows), 'row')}")
-    broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
-    if broken:
-        raise AcceptanceError(broken[0])
+    require_met(evaluation, limits)
 
 
 def show_evaluation(report: dict[str, object]) -> None:

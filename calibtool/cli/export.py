@@ -5,19 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs, wrote
-from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
     Force,
-    FrameOption,
     JointValuesOption,
     Output,
-    PayloadKg,
-    TemperatureC,
     choice,
     joint_values_of,
-    under,
 )
 from calibtool.errors import UsageError
 
@@ -46,6 +42,7 @@ PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("doubl
 
 
 def export(
+    *,
     calibration: CalibrationFile,
     format: Annotated[
         str | None,
@@ -71,9 +68,7 @@ def export(
             metavar="NAME", help="c, st: what symbols begin with (default: the output's name)."
         ),
     ] = None,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
+    conditions: CalibrationOptions,
     joint_values: JointValuesOption = None,
     output: Output = "-",
     force: Force = False,
@@ -104,7 +99,7 @@ def export(
         values = "serial"
     check_output(output, force, binary=format == "onnx")
     stem = prefix or ("calibtool" if output == STREAM else Path(output).stem)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     if format not in GEOMETRIES:
         from calibtool.export.rendering import left_out
 
@@ -193,11 +188,11 @@ def _export_c(
 
     if Path(output).suffix != ".c":
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
-    header_path = str(Path(output).with_suffix(".h"))
-    check_output(header_path, force)
+    header_path = Path(output).with_suffix(".h")
+    check_output(str(header_path), force)
     values = calibration.robot.joint_values(calibration.robot.name, values)
-    header, source = calibration_as_c(calibration, prefix, precision, values)
-    write_outputs({header_path: header, output: source}, force)
+    header, source = calibration_as_c(calibration, prefix, precision, values, header_path.name)
+    write_outputs({str(header_path): header, output: source}, force)
     wrote(output, f"C99 compensator of {calibration.robot.name}; its header is {header_path}")
 
 

@@ -4,18 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.base_model_options import (
-    AngleTolerance,
-    Backlash,
-    DropFlagged,
-    FixedTolerances,
-    Gravity,
-    Harmonics,
-    LengthTolerance,
-    LossFunction,
-    Without,
-    base_options,
-)
+from calibtool.cli.base_model_options import BaseModelOptions
 from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.input_files import (
     frame_name,
@@ -23,7 +12,7 @@ from calibtool.cli.input_files import (
     load_measurements,
     say_if_frame_is_not_free,
 )
-from calibtool.cli.options import Force, FrameOption, Json, choice
+from calibtool.cli.options import Force, FrameOption, Json, ReportingOutput, choice
 from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
@@ -38,6 +27,7 @@ _CLEAREST = 15
 
 
 def identify(
+    *,
     measurements: Annotated[
         list[str],
         typer.Argument(
@@ -45,27 +35,11 @@ def identify(
             help="Measurements, '-' is stdin; of several files each is a set-up of its own.",
         ),
     ],
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Output file; '-' is stdout (default without --json).",
-        ),
-    ] = None,
+    output: ReportingOutput = None,
     model: Annotated[
         str, typer.Option(metavar="local-poe|complete", help="The base model.")
     ] = "complete",
-    harmonics: Harmonics = None,
-    gravity: Gravity = None,
-    backlash: Backlash = None,
-    without: Without = None,
-    fixed_tolerances: FixedTolerances = False,
-    tolerance_mm: LengthTolerance = None,
-    tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "isolated",
-    drop_flagged: DropFlagged = False,
+    base_model: BaseModelOptions,
     only: Annotated[
         str | None,
         typer.Option(
@@ -155,19 +129,7 @@ def identify(
         )
     else:
         data = loaded(measurements, inputs)
-        options = base_options(
-            model,
-            data.robot,
-            harmonics,
-            gravity,
-            backlash,
-            without,
-            fixed_tolerances,
-            tolerance_mm,
-            tolerance_mrad,
-            loss_function,
-            drop_flagged,
-        )
+        options = base_model.of(model, data.robot)
         if only is not None or fix is not None:
             if model != "complete":
                 raise UsageError("--only and --fix are of the complete model")

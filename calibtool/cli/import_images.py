@@ -1,9 +1,10 @@
 """The part of calibtool import that reads a folder of images."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
 
 from calibtool.cli.files import (
     check_output,
@@ -15,15 +16,14 @@ from calibtool.cli.files import (
     write_outputs,
     wrote,
 )
+from calibtool.cli.import_options import TableOptions
 from calibtool.cli.input_files import measurements_words
-from calibtool.cli.options import choice
+from calibtool.cli.options import choice, joint_values_of
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
 
 if TYPE_CHECKING:
-    from calibtool.measurement.importing import Stated
-    from calibtool.robot.coupling import JointValues
     from calibtool.robot.robot import Robot
 
 
@@ -31,10 +31,33 @@ if TYPE_CHECKING:
 class ImageOptions:
     """The options of images alone; None where they were not given."""
 
-    board: str | None
-    camera: str | None
-    intrinsics: str | None
-    picture: str | None
+    board: Annotated[
+        str | None,
+        typer.Option(metavar="BOARD.toml", help="Of images: the board that they show."),
+    ] = None
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tool|beside",
+            help="Of images: the camera is on the tool (default), or beside the arm with the board "
+            "on the tool.",
+        ),
+    ] = None
+    intrinsics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of images: the camera's, as ROS or OpenCV write them (default: calibrated from "
+            "the images).",
+        ),
+    ] = None
+    picture: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.png",
+            help="Of images: draw the corners found and their reprojection errors.",
+        ),
+    ] = None
 
     def refuse(self, table: str) -> None:
         """UsageError where one of them was given with a table."""
@@ -51,22 +74,12 @@ def import_folder(
     robot: "Robot",
     output: str,
     options: ImageOptions,
+    tables: TableOptions,
     joints: str | None,
-    *,
-    stated: "Stated",
-    joint_values: "JointValues | None",
-    encoding: str | None,
-    others: Mapping[str, Any],
     accept_misfit: bool,
     force: bool,
 ) -> None:
-    """Import the images of a folder, see `import_images`.
-
-    others: options of tables by name, which do not apply to images; UsageError if one is given.
-    """
-    for option, value in others.items():
-        if value:
-            raise UsageError(f"{option} belongs to tables; {folder} is a folder of images")
+    """Import the images of a folder, see `import_images`. tables: units and joint values."""
     if joints is None or options.board is None:
         missing = "--joints FILE" if joints is None else "--board BOARD.toml"
         raise UsageError(f"{folder}: a folder of images needs {missing}")
@@ -100,9 +113,9 @@ def import_folder(
         parse_board(board_text, shown(options.board)),
         camera=cast(Camera, camera),
         intrinsics=lens,
-        stated=stated,
-        joint_values=joint_values,
-        encoding=encoding,
+        stated=tables.stated(),
+        joint_values=joint_values_of(tables.joint_values),
+        encoding=tables.encoding,
         progress=counted,
     )
     for note in imported.notes:

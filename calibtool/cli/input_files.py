@@ -1,8 +1,11 @@
 """Measurements and calibrations from the command line's files."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from calibtool.cli.files import message, read_bytes, shown
 from calibtool.cli.options import choice
@@ -16,22 +19,43 @@ if TYPE_CHECKING:
     from calibtool.robot.robot import Robot
 
 
-def load_described(name: str, tool: str | None, allow: list[str] | None) -> "Robot":
-    """The same as `load_allowed`, with a warning for what was assumed or is implausible."""
-    robot = load_allowed(name, tool, allow)
-    say_doubts(robot)
-    return robot
+@dataclass(frozen=True)
+class RobotOptions:
+    """How the description of a robot is read."""
 
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            "--tool",
+            metavar="FRAME",
+            help="The tool frame of a bare URDF, where its names do not tell it.",
+        ),
+    ] = None
+    allow: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--allow",
+            metavar="FOLDER",
+            help="A folder, besides its own, whose files the robot's description may name; "
+            "repeatable.",
+        ),
+    ] = None
 
-def load_allowed(name: str, tool: str | None, allow: list[str] | None) -> "Robot":
-    """The robot of a ROBOT argument, --tool and --allow, which must be folders (UsageError)."""
-    from calibtool.robot.catalogue import load_robot
+    def load(self, name: str) -> "Robot":
+        """The robot of a ROBOT argument, with a warning for what is assumed or implausible."""
+        robot = self.load_unchecked(name)
+        say_doubts(robot)
+        return robot
 
-    folders = tuple(Path(folder) for folder in allow or [])
-    for folder in folders:
-        if not folder.is_dir():
-            raise UsageError(f"--allow: {folder}: no such folder")
-    return load_robot(name, tool, folders)
+    def load_unchecked(self, name: str) -> "Robot":
+        """The same without warnings; UsageError for an --allow that is no folder."""
+        from calibtool.robot.catalogue import load_robot
+
+        folders = tuple(Path(folder) for folder in self.allow or [])
+        for folder in folders:
+            if not folder.is_dir():
+                raise UsageError(f"--allow: {folder}: no such folder")
+        return load_robot(name, self.tool, folders)
 
 
 def say_doubts(robot: "Robot") -> None:

@@ -5,13 +5,30 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 if TYPE_CHECKING:
-    from calibtool.calibration import Calibration
     from calibtool.robot.coupling import JointValues
 
 Output = Annotated[
     str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
+RobotArgument = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
+]
+WorkspaceName = Annotated[
+    str | None,
+    typer.Option(
+        help="A named workspace of the robot (default: its first); 'full' is the joint range."
+    ),
+]
+ReportingOutput = Annotated[
+    str | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Output file; '-' is stdout (default without --json).",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
 MeasurementsFile = Annotated[
@@ -50,22 +67,6 @@ LargestChange = Annotated[
         "stderr reports it).",
     ),
 ]
-RefitSetup = Annotated[
-    bool,
-    typer.Option(
-        "--refit-setup",
-        help="The instrument was moved: register it again on these rows, for every method.",
-    ),
-]
-Require = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="LIMIT",
-        help="Acceptance limit, such as position_max_mm=0.2 or ap_max_mm=0.1; exit "
-        "code 5 if not met.",
-    ),
-]
-
 FrameOption = Annotated[
     str | None,
     typer.Option(
@@ -76,33 +77,6 @@ FrameOption = Annotated[
     ),
 ]
 
-Before = Annotated[
-    str | None,
-    typer.Option(
-        "--before",
-        metavar="MEASUREMENTS",
-        help="The same commands measured before the correction, where --on was measured after it.",
-    ),
-]
-
-ToolOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tool",
-        metavar="FRAME",
-        help="The tool frame of a bare URDF, where its names do not tell it.",
-    ),
-]
-
-AllowOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--allow",
-        metavar="FOLDER",
-        help="A folder, besides its own, whose files the robot's description may name; repeatable.",
-    ),
-]
-
 JointValuesOption = Annotated[
     str | None,
     typer.Option(
@@ -110,20 +84,6 @@ JointValuesOption = Annotated[
         metavar="serial|controller",
         help="Whose joint values are read and written; "
         "needed where they differ and no header or program format states it.",
-    ),
-]
-
-
-PayloadKg = Annotated[
-    float | None,
-    typer.Option("--payload-kg", min=0, help="Mass at the tool, for a calibration that knows it."),
-]
-TemperatureC = Annotated[
-    float | None,
-    typer.Option(
-        "--temperature-c",
-        min=-273.15,
-        help="Temperature of the links, for a calibration that knows it.",
     ),
 ]
 
@@ -147,30 +107,12 @@ def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     return value
 
 
-def under(
-    calibration: "Calibration", payload_kg: float | None, temperature_c: float | None
-) -> "Calibration":
-    """The calibration for a payload and a temperature.
+def check_solving(method: str, outside: str) -> None:
+    """UsageError for an unknown value of --method or --outside."""
+    from calibtool.compensation.targets import OUTSIDE_POLICIES
 
-    UsageError for a condition without a family of errors in the calibration.
-    """
-    from calibtool.errormodel.operating_conditions import Conditions
-    from calibtool.errors import UsageError
-    from calibtool.robot.se3 import readonly
-
-    present = {family.id for family in calibration.base.errors.present}
-    given = {"payload": payload_kg, "temperature": temperature_c}
-    for family, value in given.items():
-        if value is not None and family not in present:
-            option = "--payload-kg" if family == "payload" else "--temperature-c"
-            raise UsageError(
-                f"{option}: this calibration does not know what the {family} does; identify it "
-                f"from measurements with a column {option[2:].replace('-', '_')}"
-            )
-    known = {name: None if value is None else readonly(value) for name, value in given.items()}
-    conditions = Conditions(payload_kg=known["payload"], temperature_c=known["temperature"])
-    conditions.check((0, calibration.robot.n), "options")
-    return calibration.at(conditions)
+    choice(method, ("exact", "one-step"), "--method")
+    choice(outside, OUTSIDE_POLICIES, "--outside")
 
 
 def largest_change(degrees: float | None) -> float | None:

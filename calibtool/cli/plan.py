@@ -6,36 +6,32 @@ import typer
 
 from calibtool.cli.files import check_output, message, shown, write_output, write_outputs, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.input_files import load_calibration, load_described, load_measurements
+from calibtool.cli.input_files import RobotOptions, load_calibration
 from calibtool.cli.options import (
-    AllowOption,
     Force,
     JointValuesOption,
     Json,
+    RobotArgument,
     Seed,
-    ToolOption,
+    WorkspaceName,
     choice,
     joint_values_of,
 )
-from calibtool.cli.plan_options import box, finite, sight
+from calibtool.cli.plan_options import ConstraintOptions, InstrumentOptions, finite
 from calibtool.cli.plan_tables import report_cube, report_plan
 from calibtool.cli.printing import print_json
 from calibtool.cli.progress import counted, working
 from calibtool.units import count_of
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from calibtool.planning.information import Knowledge
     from calibtool.planning.instrument_rows import InstrumentRows
     from calibtool.robot.robot import Robot
-    from calibtool.robot.workspace import Workspace
 
 
 def plan(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
-    ],
+    *,
+    robot: RobotArgument,
     output: Annotated[
         str | None,
         typer.Option(
@@ -65,12 +61,7 @@ def plan(
             help="Start from what a calibration knows: what to measure next.",
         ),
     ] = None,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            help="A named workspace of the robot (default: its first); 'full' is the joint range."
-        ),
-    ] = None,
+    workspace: WorkspaceName = None,
     candidates: Annotated[
         int, typer.Option(min=1, help="How many configurations to choose from.")
     ] = 2000,
@@ -94,24 +85,7 @@ def plan(
             "--unregistered", help="Instrument frame and targets will have to be estimated as well."
         ),
     ] = False,
-    observe: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND",
-            help="The instrument, as of simulate --observe; where it stands is proposed too.",
-        ),
-    ] = "points",
-    places: Annotated[int, typer.Option(min=1, help="Of --observe, as of simulate --places.")] = 1,
-    gauge_mm: Annotated[
-        float | None, typer.Option(min=1, help="Of --observe, as of simulate --gauge-mm.")
-    ] = None,
-    set_up: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MEASUREMENTS.h5",
-            help="The instrument as it stands in these measurements: a few rows by hand will do.",
-        ),
-    ] = None,
+    observing: InstrumentOptions,
     program: Annotated[
         str | None,
         typer.Option(
@@ -120,49 +94,7 @@ def plan(
             "(UR).",
         ),
     ] = None,
-    joint_margin: Annotated[
-        float,
-        typer.Option(
-            metavar="PERCENT",
-            min=0,
-            max=49,
-            help="Part of each joint's range kept free at both ends.",
-        ),
-    ] = 5.0,
-    min_singularity_distance: Annotated[
-        float | None,
-        typer.Option(min=0, help="Smallest distance from singularities (default 0.02)."),
-    ] = None,
-    floor_mm: Annotated[
-        float | None,
-        typer.Option(help="Arm, tool and targets stay above this z of the base frame."),
-    ] = None,
-    keep_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="BOX",
-            help="x0,y0,z0,x1,y1,z1 in mm that arm, tool and sight stay out of; repeatable.",
-        ),
-    ] = None,
-    instrument: Annotated[
-        str | None,
-        typer.Option(
-            metavar="POINT", help="x,y,z in mm of an instrument that every target has to see."
-        ),
-    ] = None,
-    normal: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VECTOR",
-            help="x,y,z in which the targets look, in the tool frame (default 0,0,1).",
-        ),
-    ] = None,
-    cone_deg: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, max=180, help="Half angle in which a target sees the instrument (default 30)."
-        ),
-    ] = None,
+    limits: ConstraintOptions,
     iso9283: Annotated[
         bool,
         typer.Option("--iso9283", help="Instead: the five poses of the ISO 9283 cube, in cycles."),
@@ -174,8 +106,7 @@ def plan(
     cycles: Annotated[
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
-    tool: ToolOption = None,
-    allow: AllowOption = None,
+    described: RobotOptions,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -204,32 +135,21 @@ def plan(
     import numpy as np
 
     from calibtool.errors import UsageError
-    from calibtool.planning.constraints import Constraints
     from calibtool.planning.instrument_rows import placed
     from calibtool.planning.iso9283_poses import plan_test
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
     from calibtool.programs.point_list import check_suffix, point_list
-    from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
     if program is not None:
         check_suffix(program)
-    model, values = load_described(robot, tool, allow), joint_values_of(joint_values)
+    model, values = described.load(robot), joint_values_of(joint_values)
     space = model.workspace(workspace)
-    distance = (
-        MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
-    )
-    constraints = Constraints(
-        joint_margin=finite(joint_margin, "--joint-margin") * 1e-2,
-        singularity_distance=finite(distance, "--min-singularity-distance"),
-        floor=None if floor_mm is None else finite(floor_mm, "--floor-mm") * 1e-3,
-        keep_out=tuple(box(text) for text in keep_out or []),
-        sight=sight(instrument, normal, cone_deg),
-    )
+    constraints = limits.constraints()
     if iso9283:
         if source is not None:
             raise UsageError("--iso9283 chooses fixed poses; it does not use --from")
-        if observe != "points" or set_up is not None or program is not None:
+        if observing.given or program is not None:
             raise UsageError("--observe, --set-up and --program do not go with --iso9283")
         edge = None if cube_mm is None else finite(cube_mm, "--cube-mm") * 1e-3
         values = model.joint_values(model.name, values)
@@ -250,8 +170,7 @@ def plan(
         )
     noise = None if noise_mm is None else finite(noise_mm, "--noise-mm") * 1e-3
     rng = np.random.default_rng(seed)
-    gauge = None if gauge_mm is None else gauge_mm * 1e-3
-    seen_by = _instrument(model, space, observe, places, gauge, set_up, noise, rng)
+    seen_by = observing.rows(model, space, noise, rng)
     knowledge = _knowledge(model, source, noise, unregistered, seen_by)
     values = model.joint_values(model.name, values)
     with working(f"choosing from {candidates} candidates"):
@@ -281,40 +200,11 @@ def plan(
         print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:
         report_plan(made, space.name)
-        if seen_by is not None and set_up is None:
+        if seen_by is not None and observing.set_up is None:
             for line in placed(seen_by.setup):
                 message(f"note: {line}")
     if target is not None:
         wrote(target, f"{count_of(len(made.q), 'configuration')}, in an order of short travel")
-
-
-def _instrument(
-    model: "Robot",
-    space: "Workspace",
-    observe: str,
-    places: int,
-    gauge: float | None,
-    set_up: str | None,
-    noise: float | None,
-    rng: "np.random.Generator",
-) -> "InstrumentRows | None":
-    """The instrument of --observe or --set-up; None for points of a tracker."""
-    from calibtool.calibration import check_same_robot
-    from calibtool.errors import UsageError
-    from calibtool.measurement.instruments import INSTRUMENTS
-    from calibtool.planning.instrument_rows import InstrumentRows
-
-    choice(observe, ("points", *INSTRUMENTS), "--observe")
-    if set_up is not None:
-        if observe != "points":
-            raise UsageError("--observe and --set-up: the measurements say what observes")
-        measurements, _ = load_measurements(set_up)
-        check_same_robot(measurements.robot, model, shown(set_up), "ROBOT")
-        return InstrumentRows.of(measurements, space)
-    if observe == "points":
-        return None
-    stated = 0.05e-3 if noise is None else noise
-    return InstrumentRows.proposed(model, space, observe, places, gauge, stated, rng)
 
 
 def _knowledge(

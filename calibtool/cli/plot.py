@@ -7,17 +7,8 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
-from calibtool.cli.options import (
-    EXACT,
-    Before,
-    CompensationMethod,
-    Force,
-    FrameOption,
-    Outside,
-    RefitSetup,
-    Require,
-    choice,
-)
+from calibtool.cli.judging import CalibrationFiles, Judging
+from calibtool.cli.options import Force, choice
 
 # The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second
 # half needs --on.
@@ -27,6 +18,7 @@ FIGURES = (*_OF_CALIBRATIONS, *_OF_ERRORS)
 
 
 def plot(
+    *,
     kind: Annotated[
         str,
         typer.Argument(
@@ -34,10 +26,7 @@ def plot(
             help=f"{', '.join(_OF_CALIBRATIONS)}; on measurements {', '.join(_OF_ERRORS)}.",
         ),
     ],
-    calibrations: Annotated[
-        list[str],
-        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
-    ],
+    calibrations: CalibrationFiles,
     output: Annotated[
         str,
         typer.Option(
@@ -57,12 +46,7 @@ def plot(
             help="Width of the figure: 85 is a column, 180 a page of a journal.",
         ),
     ] = 180.0,
-    method: CompensationMethod = EXACT,
-    outside: Outside = "mark",
-    refit_setup: RefitSetup = False,
-    require: Require = None,
-    frame: FrameOption = None,
-    before: Before = None,
+    judging: Judging,
     force: Force = False,
 ) -> None:
     """Draw one figure, such as the errors.
@@ -74,24 +58,16 @@ def plot(
     """
     choice(kind, FIGURES, "figure")
     check_output(output, force)
-    one_stdin(*calibrations, on, before)
-    choice(method, ("exact", "one-step"), "--method")
-    from typing import cast
-
+    one_stdin(*calibrations, on, judging.before)
     from calibtool.calibration import check_same_robot
-    from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import InputError, UsageError
-    from calibtool.evaluation.acceptance import parse_limit
-    from calibtool.evaluation.compare import evaluate
     from calibtool.evaluation.plots import Subject, draw, image_format
 
     image = image_format(Path(output).name)
-    choice(outside, OUTSIDE_POLICIES, "--outside")
-    limits = tuple(parse_limit(text) for text in require or [])
+    limits = judging.limits()
     if kind in _OF_ERRORS and on is None:
         raise UsageError(f"plot {kind}: give the measurements with --on")
-    named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
+    named = [(stem(path), load_calibration(path, judging.frame)[0]) for path in calibrations]
     for name, calibration in named[1:]:
         check_same_robot(
             calibration.robot,
@@ -102,14 +78,8 @@ def plot(
     subject = Subject(named)
     if kind in _OF_ERRORS:
         measurements, _ = load_measurements(str(on))
-        evaluation = evaluate(
-            named,
-            measurements,
-            method=cast(Method, method),
-            refit_setup=refit_setup,
-            outside=cast(OutsidePolicy, outside),
-            before=None if before is None else load_measurements(before)[0],
-        )
+        earlier = None if judging.before is None else load_measurements(judging.before)[0]
+        evaluation = judging.evaluation(named, measurements, earlier)
         subject = Subject(named, measurements, evaluation, limits)
     try:
         picture = draw(kind, subject, image, width_mm)

@@ -1,5 +1,6 @@
 """calibtool report: one page about calibrations."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
@@ -14,33 +15,36 @@ from calibtool.cli.files import (
     wrote,
 )
 from calibtool.cli.input_files import load_calibration, load_measurements
-from calibtool.cli.options import (
-    EXACT,
-    Before,
-    CompensationMethod,
-    Force,
-    FrameOption,
-    Outside,
-    RefitSetup,
-    Require,
-    choice,
-)
+from calibtool.cli.judging import CalibrationFiles, JudgedOn, Judging, require_met
+from calibtool.cli.options import Force, choice
 from calibtool.cli.progress import working
 from calibtool.errors import UsageError
 from calibtool.units import count_of
 
 
+@dataclass(frozen=True)
+class DocumentOptions:
+    """What the document says of the occasion; None where it is not given."""
+
+    title: Annotated[str | None, typer.Option(help="Heading of the document.", metavar="TEXT")] = (
+        None
+    )
+    serial: Annotated[
+        str | None, typer.Option(help="Serial number of the robot.", metavar="TEXT")
+    ] = None
+    customer: Annotated[str | None, typer.Option(help="For whom.", metavar="TEXT")] = None
+    operator: Annotated[str | None, typer.Option(help="Who measured.", metavar="TEXT")] = None
+    instrument: Annotated[str | None, typer.Option(help="What measured.", metavar="TEXT")] = None
+    date: Annotated[str | None, typer.Option(help="When it was measured.", metavar="TEXT")] = None
+    temperature: Annotated[
+        str | None, typer.Option(help="Temperature in the cell.", metavar="TEXT")
+    ] = None
+
+
 def report(
-    calibrations: Annotated[
-        list[str],
-        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
-    ],
-    on: Annotated[
-        str,
-        typer.Option(
-            metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen."
-        ),
-    ],
+    *,
+    calibrations: CalibrationFiles,
+    on: JudgedOn,
     output: Annotated[
         str,
         typer.Option(
@@ -50,25 +54,8 @@ def report(
             help="The page, or with the suffix .pdf the page printed; '-' is stdout.",
         ),
     ] = "report.html",
-    method: CompensationMethod = EXACT,
-    outside: Outside = "mark",
-    refit_setup: RefitSetup = False,
-    require: Require = None,
-    frame: FrameOption = None,
-    before: Before = None,
-    title: Annotated[
-        str | None, typer.Option(help="Heading of the document.", metavar="TEXT")
-    ] = None,
-    serial: Annotated[
-        str | None, typer.Option(help="Serial number of the robot.", metavar="TEXT")
-    ] = None,
-    customer: Annotated[str | None, typer.Option(help="For whom.", metavar="TEXT")] = None,
-    operator: Annotated[str | None, typer.Option(help="Who measured.", metavar="TEXT")] = None,
-    instrument: Annotated[str | None, typer.Option(help="What measured.", metavar="TEXT")] = None,
-    date: Annotated[str | None, typer.Option(help="When it was measured.", metavar="TEXT")] = None,
-    temperature: Annotated[
-        str | None, typer.Option(help="Temperature in the cell.", metavar="TEXT")
-    ] = None,
+    judging: Judging,
+    document: DocumentOptions,
     about: Annotated[
         str | None,
         typer.Option(
@@ -112,52 +99,27 @@ def report(
     for path, suffixes in outputs:
         if path is not None:
             check_output(path, force, suffixes=suffixes)
-    one_stdin(*calibrations, on, before, about)
+    one_stdin(*calibrations, on, judging.before, about)
     choice(paper, ("a4", "letter"), "--paper")
-    choice(method, ("exact", "one-step"), "--method")
-    from typing import cast
-
     from calibtool.cli.provenance import provenance
-    from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
-    from calibtool.errors import AcceptanceError
-    from calibtool.evaluation.acceptance import broken_limits, parse_limit
-    from calibtool.evaluation.compare import evaluate
     from calibtool.evaluation.plots import Subject
     from calibtool.evaluation.report import Occasion, html_report, parse_occasion
     from calibtool.identification.report import parameter_table
 
-    choice(outside, OUTSIDE_POLICIES, "--outside")
-    limits = tuple(parse_limit(text) for text in require or [])
-    loaded = [(stem(path), *load_calibration(path, frame)) for path in calibrations]
+    limits = judging.limits()
+    loaded = [(stem(path), *load_calibration(path, judging.frame)) for path in calibrations]
     named = [(name, calibration) for name, calibration, _ in loaded]
     measurements, data = load_measurements(on)
-    earlier = None if before is None else load_measurements(before)
-    evaluation = evaluate(
-        named,
-        measurements,
-        method=cast(Method, method),
-        refit_setup=refit_setup,
-        outside=cast(OutsidePolicy, outside),
-        before=None if earlier is None else earlier[0],
-    )
+    earlier = None if judging.before is None else load_measurements(judging.before)
+    evaluation = judging.evaluation(named, measurements, None if earlier is None else earlier[0])
     inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
     if earlier is not None:
         inputs["before"] = earlier[1]
     occasion = Occasion() if about is None else parse_occasion(read_text(about), shown(about))
-    given = {
-        "title": title,
-        "serial": serial,
-        "customer": customer,
-        "operator": operator,
-        "instrument": instrument,
-        "date": date,
-        "temperature": temperature,
-    }
     page = html_report(
         Subject(named, measurements, evaluation, limits),
         provenance(None, measurements=data, **inputs),
-        occasion.changed(given),
+        occasion.changed(vars(document)),
     )
     contents: dict[str, bytes | str] = {} if page_file is None else {page_file: page}
     if pdf is not None:
@@ -173,6 +135,4 @@ def report(
     for path, words in ((page_file, what), (pdf, again), (parameters, "every parameter")):
         if path is not None:
             wrote(path, words)
-    broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])
-    if broken:
-        raise AcceptanceError(broken[0])
+    require_met(evaluation, limits)

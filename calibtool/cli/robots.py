@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, write_output, write_stdout, wrote
-from calibtool.cli.input_files import load_allowed, say_doubts
-from calibtool.cli.options import AllowOption, Force, Json, ToolOption
+from calibtool.cli.input_files import RobotOptions, say_doubts
+from calibtool.cli.options import Force, Json
 from calibtool.cli.printing import lines, print_json
 from calibtool.errors import UsageError
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def robots(
+    *,
     name: Annotated[
         str | None,
         typer.Argument(metavar="[NAME]", help="A built-in robot, or the path of a description."),
@@ -29,8 +30,7 @@ def robots(
         str | None,
         typer.Option(metavar="FILE", help="Draw the arm at its home; FILE ends in .png or .svg."),
     ] = None,
-    tool: ToolOption = None,
-    allow: AllowOption = None,
+    described: RobotOptions,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -43,9 +43,9 @@ def robots(
     Example: calibtool robots fanuc-m1000ia
     """
     if name is None:
-        given = {"--check": check, "--picture": picture, "--tool": tool, "--allow": allow}
-        if option := next((each for each, value in given.items() if value), None):
-            raise UsageError(f"{option} needs a robot: a NAME, or the path of a description")
+        options = {"check": check, "picture": picture, **vars(described)}
+        if option := next((each for each, value in options.items() if value), None):
+            raise UsageError(f"--{option} needs a robot: a NAME, or the path of a description")
         _list(json)
         return
     if picture is not None:
@@ -53,7 +53,7 @@ def robots(
         from calibtool.evaluation.plots import image_format
 
         image_format(picture)
-    robot = load_allowed(name, tool, allow)
+    robot = described.load_unchecked(name)
     if check:
         _check(robot, name, json)
     else:

@@ -6,21 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import STREAM, message, shown
-from calibtool.cli.input_files import load_calibration, say_doubts
+from calibtool.cli.input_files import say_doubts
 from calibtool.cli.options import (
     CalibrationFile,
-    FrameOption,
     JointValuesOption,
     LargestChange,
     Outside,
-    PayloadKg,
     TakeUpBacklash,
-    TemperatureC,
+    check_solving,
     choice,
     joint_values_of,
     largest_change,
-    under,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +33,7 @@ _WARM = 20  # corrections before the first row, so that everything is loaded
 
 
 def serve(
+    *,
     calibration: CalibrationFile,
     port: Annotated[
         int | None,
@@ -63,9 +62,7 @@ def serve(
     backlash: TakeUpBacklash = True,
     largest_change_deg: LargestChange = None,
     joint_values: JointValuesOption = None,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
+    conditions: CalibrationOptions,
 ) -> None:
     """Correct joint positions while the arm moves.
 
@@ -80,7 +77,6 @@ def serve(
     Example: calibtool serve calibration.h5 --port 5005
     """
     choice(rows, ROWS, "--rows")
-    choice(method, ("one-step", "exact"), "--method")
     if calibration == STREAM and port is None:
         from calibtool.errors import UsageError
 
@@ -89,11 +85,11 @@ def serve(
 
     from calibtool.compensation.row_by_row import Live, RowKind
     from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.compensation.targets import OutsidePolicy
 
-    choice(outside, OUTSIDE_POLICIES, "--outside")
+    check_solving(method, outside)
     most, values = largest_change(largest_change_deg), joint_values_of(joint_values)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     whose = loaded.robot.joint_values(shown(calibration), values)
     say_doubts(loaded.robot)
 

@@ -1,19 +1,20 @@
 """calibtool simulate: measure a perturbed robot."""
 
+from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibtool.cli.files import HDF5, check_output, one_stdin, read_text, shown, write_output, wrote
-from calibtool.cli.input_files import load_described, load_measurements, measurements_words
+from calibtool.cli.input_files import RobotOptions, load_measurements, measurements_words
 from calibtool.cli.options import (
-    AllowOption,
     Force,
     JointValuesOption,
     Output,
+    RobotArgument,
     Seed,
-    ToolOption,
+    WorkspaceName,
     choice,
     joint_values_of,
 )
@@ -21,53 +22,77 @@ from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
 
+if TYPE_CHECKING:
+    from calibtool.errormodel.actual import ErrorScales
 
-def simulate(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
-    ],
-    output: Output = "-",
-    configurations: Annotated[
-        int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")
-    ] = 100,
-    seed: Seed = 0,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            help="A named workspace of the robot (default: its first); 'full' is the joint range."
-        ),
-    ] = None,
+
+@dataclass(frozen=True)
+class ErrorOptions:
+    """Kinds and sizes of the errors of the actual robot."""
+
     errors: Annotated[
         str,
         typer.Option(
             help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, "
             "bending, wobble."
         ),
-    ] = "geometric",
+    ] = "geometric"
     length_error_mm: Annotated[
         float, typer.Option(min=0, help="Standard deviation of geometric lengths.")
-    ] = 0.5,
+    ] = 0.5
     angle_error_mrad: Annotated[
         float, typer.Option(min=0, help="Standard deviation of geometric angles.")
-    ] = 0.5,
+    ] = 0.5
     gear_mrad: Annotated[
         float, typer.Option(min=0, help="Standard deviation of each gear harmonic's coefficients.")
-    ] = 0.2,
+    ] = 0.2
     gravity_mrad: Annotated[
         float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")
-    ] = 0.5,
+    ] = 0.5
     backlash_mrad: Annotated[
         float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")
-    ] = 0.1,
+    ] = 0.1
     payload_mrad: Annotated[
         float,
         typer.Option(
             min=0, help="Wind-up and bending of a loaded joint at its largest moment under 10 kg."
         ),
-    ] = 0.5,
+    ] = 0.5
     thermal_k: Annotated[
         float, typer.Option(min=0, help="Temperature rise of the steel links.")
-    ] = 10.0,
+    ] = 10.0
+
+    def check_finite(self) -> None:
+        """UsageError for a size that is no finite number."""
+        for name, size in vars(self).items():
+            if name != "errors" and not isfinite(size):
+                raise UsageError(f"--{name.replace('_', '-')}: {size} is no finite number")
+
+    def scales(self) -> "ErrorScales":
+        """The same for the library; UsageError for an unknown kind of error."""
+        from calibtool.errormodel.actual import ErrorScales
+        from calibtool.errormodel.families import ERROR_KINDS
+
+        kinds = tuple(kind.strip() for kind in self.errors.split(","))
+        if self.errors == "all":
+            kinds = ERROR_KINDS
+        unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
+        if unknown:
+            known = f"all, {', '.join(ERROR_KINDS)}"
+            raise UsageError(f"--errors: unknown '{unknown[0]}'; known: {known}")
+        return ErrorScales.of(kinds, vars(self))
+
+
+def simulate(
+    *,
+    robot: RobotArgument,
+    output: Output = "-",
+    configurations: Annotated[
+        int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")
+    ] = 100,
+    seed: Seed = 0,
+    workspace: WorkspaceName = None,
+    sizes: ErrorOptions,
     payload_kg: Annotated[
         str | None,
         typer.Option(
@@ -130,8 +155,7 @@ def simulate(
             help="The joints of --at are corrected ones: what went into compensate.",
         ),
     ] = None,
-    tool: ToolOption = None,
-    allow: AllowOption = None,
+    described: RobotOptions,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
@@ -149,24 +173,12 @@ def simulate(
         raise UsageError(
             "--commanded belongs to --at: those joints are corrected for these targets"
         )
-    sizes = {
-        "--length-error-mm": length_error_mm,
-        "--angle-error-mrad": angle_error_mrad,
-        "--gear-mrad": gear_mrad,
-        "--gravity-mrad": gravity_mrad,
-        "--backlash-mrad": backlash_mrad,
-        "--payload-mrad": payload_mrad,
-        "--thermal-k": thermal_k,
-        "--noise-mm": noise_mm,
-    }
-    for option, size in sizes.items():
-        if not isfinite(size):
-            raise UsageError(f"{option}: {size} is no finite number")
+    sizes.check_finite()
+    if not isfinite(noise_mm):
+        raise UsageError(f"--noise-mm: {noise_mm} is no finite number")
     from dataclasses import replace
 
     from calibtool.compensation.targets import read_configurations
-    from calibtool.errormodel.actual import ErrorScales
-    from calibtool.errormodel.families import ERROR_KINDS
     from calibtool.measurement.importing.commanded_targets import commanded_poses
     from calibtool.measurement.instruments import INSTRUMENTS
     from calibtool.measurement.simulate import Simulation
@@ -177,11 +189,8 @@ def simulate(
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_described(robot, tool, allow)
-    kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
-    unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
-    if unknown:
-        raise UsageError(f"--errors: unknown '{unknown[0]}'; known: all, {', '.join(ERROR_KINDS)}")
+    model = described.load(robot)
+    scales = sizes.scales()
     inputs: dict[str, bytes] = {}
     truth = None
     if same_robot is not None:
@@ -216,18 +225,6 @@ def simulate(
             counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
             raise InputError(f"{shown(commanded)}: {counts}")
         asked = commanded_poses(table, model, values)
-    scales = ErrorScales(
-        kinds=kinds,
-        length=length_error_mm * 1e-3,
-        angle=angle_error_mrad * 1e-3,
-        sizes={
-            "gear": gear_mrad * 1e-3,
-            "gravity": gravity_mrad * 1e-3,
-            "backlash": backlash_mrad * 1e-3,
-            "payload": payload_mrad * 1e-3,
-        },
-        warmth=thermal_k,
-    )
     count = configurations if q_at is None else len(q_at)
     with working(f"simulating {count} configurations"):
         measurements = run(

@@ -1,5 +1,6 @@
 """calibtool study: Monte Carlo over robots, errors, noise and methods."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +21,67 @@ if TYPE_CHECKING:
     from calibtool.evaluation.study.cluster_security import ClusterSecurity
 
 
+@dataclass(frozen=True)
+class VariationOptions:
+    """What a study varies; None where the definition tells."""
+
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Actual robots per combination (default 100).")
+    ] = None
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of everything random (default 0).")
+    ] = None
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LIST",
+            help="Of local-poe, complete, network (on the robot as drawn), network-local-poe, "
+            "default (train); nominal is always there. Default: local-poe,network,complete.",
+        ),
+    ] = None
+    configurations: Annotated[
+        list[str] | None,
+        typer.Option("-n", "--configurations", metavar="LIST", help="Measured ones (default 100)."),
+    ] = None
+    noise_mm: Annotated[
+        list[str] | None, typer.Option(metavar="LIST", help="Per coordinate (default 0.05).")
+    ] = None
+    errors: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KINDS",
+            help="As in simulate (default geometric); repeat the option for alternatives.",
+        ),
+    ] = None
+    error_scale: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LIST", help="Factors on the sizes of all errors (default 1)."),
+    ] = None
+    workspace: Annotated[
+        str | None,
+        typer.Option(
+            help="A named workspace (default: each robot's first); 'full' is the joint range."
+        ),
+    ] = None
+    fresh: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Configurations for judging, seen by no fit (default 1000); 0: the measured ones.",
+        ),
+    ] = None
+
+    def changes(self) -> dict[str, object]:
+        """Keys of the definition; the parts of a LIST are separated."""
+        lists = ("methods", "configurations", "noise_mm", "error_scale")
+        return {
+            key: ",".join(value).split(",") if value is not None and key in lists else value
+            for key, value in vars(self).items()
+        }
+
+
 def study(
+    *,
     robots: Annotated[
         list[str] | None,
         typer.Argument(metavar="[ROBOT]...", help="Robots of the catalogue, or paths."),
@@ -40,51 +101,7 @@ def study(
             help="Table: CSV, or HDF5 by .h5; '-' is stdout (default without --json).",
         ),
     ] = None,
-    runs: Annotated[
-        int | None, typer.Option(min=1, help="Actual robots per combination (default 100).")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of everything random (default 0).")
-    ] = None,
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LIST",
-            help="Of local-poe, complete, network (on the robot as drawn), network-local-poe, "
-            "default (train); nominal is always there. Default: local-poe,network,complete.",
-        ),
-    ] = None,
-    configurations: Annotated[
-        list[str] | None,
-        typer.Option("-n", "--configurations", metavar="LIST", help="Measured ones (default 100)."),
-    ] = None,
-    noise_mm: Annotated[
-        list[str] | None, typer.Option(metavar="LIST", help="Per coordinate (default 0.05).")
-    ] = None,
-    errors: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KINDS",
-            help="As in simulate (default geometric); repeat the option for alternatives.",
-        ),
-    ] = None,
-    error_scale: Annotated[
-        list[str] | None,
-        typer.Option(metavar="LIST", help="Factors on the sizes of all errors (default 1)."),
-    ] = None,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            help="A named workspace (default: each robot's first); 'full' is the joint range."
-        ),
-    ] = None,
-    fresh: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Configurations for judging, seen by no fit (default 1000); 0: the measured ones.",
-        ),
-    ] = None,
+    variation: VariationOptions,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Local processes (default: one per core).")
     ] = None,
@@ -128,24 +145,7 @@ def study(
 
         image_format(box_plot)
         check_output(box_plot, force)
-    lists = {
-        "methods": methods,
-        "configurations": configurations,
-        "noise_mm": noise_mm,
-        "error_scale": error_scale,
-    }
-    changes: dict[str, object] = {
-        "robots": robots or None,
-        "workspace": workspace,
-        "runs": runs,
-        "seed": seed,
-        "errors": errors,
-        "fresh": fresh,
-        **{
-            key: None if given is None else ",".join(given).split(",")
-            for key, given in lists.items()
-        },
-    }
+    changes = {"robots": robots or None, **variation.changes()}
     study = Study.of(
         _definition(plan).changed(
             {key: value for key, value in changes.items() if value is not None}

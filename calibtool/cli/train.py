@@ -5,18 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.base_model_options import (
-    AngleTolerance,
-    Backlash,
-    DropFlagged,
-    FixedTolerances,
-    Gravity,
-    Harmonics,
-    LengthTolerance,
-    LossFunction,
-    Without,
-    base_options,
-)
+from calibtool.cli.base_model_options import BaseModelOptions
 from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
@@ -25,22 +14,23 @@ from calibtool.cli.input_files import (
     load_measurements,
     say_if_frame_is_not_free,
 )
-from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, Seed, choice
+from calibtool.cli.options import (
+    Force,
+    FrameOption,
+    Json,
+    MeasurementsFile,
+    ReportingOutput,
+    Seed,
+    choice,
+)
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
 
 
 def train(
+    *,
     measurements: MeasurementsFile,
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Output file; '-' is stdout (default without --json).",
-        ),
-    ] = None,
+    output: ReportingOutput = None,
     base: Annotated[
         str,
         typer.Option(
@@ -93,15 +83,7 @@ def train(
             "--learning-curve", help="Also report the error against the number of configurations."
         ),
     ] = False,
-    harmonics: Harmonics = None,
-    gravity: Gravity = None,
-    backlash: Backlash = None,
-    without: Without = None,
-    fixed_tolerances: FixedTolerances = False,
-    tolerance_mm: LengthTolerance = None,
-    tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "isolated",
-    drop_flagged: DropFlagged = False,
+    base_model: BaseModelOptions,
     frame: FrameOption = None,
     seed: Seed = 0,
     json: Json = False,
@@ -146,19 +128,7 @@ def train(
         data, inputs["measurements"] = load_measurements(measurements)
     else:
         data, inputs["measurements"] = load_measurements(measurements)
-        start = base_options(
-            base,
-            data.robot,
-            harmonics,
-            gravity,
-            backlash,
-            without,
-            fixed_tolerances,
-            tolerance_mm,
-            tolerance_mrad,
-            loss_function,
-            drop_flagged,
-        )
+        start = base_model.of(base, data.robot)
     if regularisation is not None:
         choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
     if regularisation == "bayes" and optimizer == "gd":

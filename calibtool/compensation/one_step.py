@@ -156,13 +156,13 @@ def default_bounds(
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)
-    medians = np.min([_median_left(calibration, q, bounds) for q in (known, anywhere)], axis=0)
+    medians = np.min([_median_remaining(calibration, q, bounds) for q in (known, anywhere)], axis=0)
     of_task, of_all = (max(REACHED, _USUAL * float(median)) for median in medians)
     chosen = bounds.largest_change if largest_change is None else largest_change
     return replace(bounds, largest_change=chosen, usual=(of_task, of_all))
 
 
-def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[float, float]:
+def _median_remaining(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[float, float]:
     """Median remaining errors of the rule at joints q (N, n): of the task, of all components."""
     model = Linearised.at(calibration, q, None, bounds)
     proposal, traded = model.proposed()

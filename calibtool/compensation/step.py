@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibtool.robot.damped_least_squares import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
 _PASSES = 3  # times that a joint outside the box is held at its face and the others solved again

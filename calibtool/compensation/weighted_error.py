@@ -6,8 +6,8 @@ import numpy as np
 
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
 from calibtool.errors import UsageError
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array, log3
+from calibtool.robot.singularity import at_point
 
 Weights = tuple[float, ...]
 

@@ -7,11 +7,11 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped_least_squares import at_point, singularity_distance
 from calibtool.robot.description import VirtualJoint
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint
+from calibtool.robot.singularity import at_point, singularity_distance
 
 ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")
 

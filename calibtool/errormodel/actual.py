@@ -41,6 +41,23 @@ class ErrorScales:
         for name, size in {"length": self.length, "angle": self.angle, **self.sizes}.items():
             check_number(size, name, 0)
 
+    @classmethod
+    def of(
+        cls, kinds: tuple[str, ...], sizes: Mapping[str, float], factor: float = 1.0
+    ) -> "ErrorScales":
+        """Sizes by the names of the options of `simulate`, such as `gear_mrad`, times a factor."""
+        milli = 1e-3 * factor
+        return cls(
+            kinds=kinds,
+            length=sizes["length_error_mm"] * milli,
+            angle=sizes["angle_error_mrad"] * milli,
+            sizes={
+                kind: sizes[f"{kind}_mrad"] * milli
+                for kind in ("gear", "gravity", "backlash", "payload")
+            },
+            warmth=sizes["thermal_k"] * factor,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ActualRobot:
@@ -67,15 +84,9 @@ class ActualRobot:
         """The geometry as a new Pinocchio model with joint limits.
 
         `mechanism.configuration` computes its coordinates. Errors that depend on joint positions or
-        on time (gear, gravity, backlash) are not included: see `joint_motion`.
+        on time (gear, gravity, backlash) are not included: see `forward`.
         """
         return self.mechanism.as_model(self.robot.lower, self.robot.upper)
-
-    def joint_motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Joint motion errors δq(q) (N, n) without the constant offsets; q and conditions as in
-        `forward`.
-        """
-        return self.errors.motion(q, self.driven_to(q, conditions))
 
     def directions(self, q: Array) -> Array:
         """Directions (N, n) of each joint's last motion when driven through q (N, n) in order, from

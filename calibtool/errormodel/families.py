@@ -10,6 +10,7 @@ from calibtool.errormodel.family import Family
 from calibtool.errormodel.gravity import Gravity
 from calibtool.errormodel.harmonics import Harmonics
 from calibtool.errormodel.offsets import Offsets
+from calibtool.errormodel.pairs import Pairs
 from calibtool.errormodel.payload import Payload
 from calibtool.errormodel.placements import Placements
 from calibtool.errormodel.temperature import Temperature
@@ -27,6 +28,7 @@ FAMILIES: tuple[Family, ...] = (
     Temperature(),
     Bending(),
     Wobble(),
+    Pairs(),
 )
 BY_ID = {family.id: family for family in FAMILIES}
 ERROR_KINDS = tuple(dict.fromkeys(family.kind for family in FAMILIES))  # of simulated errors

@@ -1,5 +1,6 @@
 """Protocol of a family of errors, as simulation, identification, files and reports use it."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -90,7 +91,7 @@ def turn_columns(frames: Array, turns: Array) -> Array:
     turned = frames[..., :3, :3] @ turns
     shifts = np.cross(frames[..., :3, 3, None], turned, axis=-2)
     columns = np.concatenate([shifts, turned], axis=-2)
-    return np.moveaxis(columns, 1, 2).reshape(len(frames), 6, -1)
+    return np.moveaxis(columns, 1, 2).reshape(len(frames), 6, turns.shape[1] * turns.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +181,10 @@ class Family(ABC):
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
         """(*shape) int: elements with the same number share one scale of tolerances."""
         return np.zeros(shape, dtype=int)
+
+    def fine(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Which elements are fine structure, whose size only the residuals tell: (*shape) bool."""
+        return np.zeros(shape, dtype=bool)
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
         """Elements with the same number become parameters together or not at all: (*shape) int."""
@@ -280,7 +285,7 @@ class JointFunctions(Family):
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
         products = context.offset_columns[..., None] * self.functions(shape, context.rows)[:, None]
-        return products.reshape(*products.shape[:2], -1)
+        return products.reshape(*products.shape[:2], math.prod(shape))
 
 
 def joint_list(free: np.ndarray) -> str:

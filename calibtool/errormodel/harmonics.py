@@ -59,8 +59,10 @@ class Harmonics(JointFunctions):
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
         """One scale for the low orders of all joints, and one for the higher orders of each joint,
         because the size of the low orders does not predict that of the others."""
-        fine = np.arange(shape[1]) // 2 >= LOW_ORDERS
-        return np.where(fine, 1 + np.arange(shape[0])[:, None], 0)
+        return np.where(self.fine(shape), 1 + np.arange(shape[0])[:, None], 0)
+
+    def fine(self, shape: tuple[int, ...]) -> np.ndarray:
+        return np.tile(np.arange(shape[1]) // 2 >= LOW_ORDERS, (shape[0], 1))
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return np.full(shape, 1e3), ["mrad"] * (shape[0] * shape[1])

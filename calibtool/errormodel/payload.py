@@ -10,10 +10,10 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes, turn_columns
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.inverse_starts import drawn as configurations
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import at_point
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 # A joint counts as loaded when its moment reaches this part of the largest joint's
@@ -70,7 +70,7 @@ class Payload(Family):
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         bend = turn_columns(before, across[..., None])
         wind = context.offset_columns * along[:, None]
-        return np.stack([wind, bend], axis=-1).reshape(len(along), 6, -1)
+        return np.stack([wind, bend], axis=-1).reshape(len(along), 6, 2 * along.shape[1])
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
         free = self.free(robot, self.shape(robot.n))

@@ -12,14 +12,14 @@ from calibtool.measurement.setup import Setup, determines_orientation
 from calibtool.robot.catalogue import robot_names
 from calibtool.robot.chain import NO_LIMITS
 from calibtool.robot.closed_chain import ClosedChain
-from calibtool.robot.damped_least_squares import (
+from calibtool.robot.plausibility import implausible
+from calibtool.robot.robot import Robot, is_path
+from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     singularity_distance,
 )
-from calibtool.robot.plausibility import implausible
-from calibtool.robot.robot import Robot, is_path
-from calibtool.robot.se3 import Array, readonly
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100

@@ -1,1 +1,1 @@
-"""Calibrations for other programs: as_json, c_code, structured_text, as_onnx, as_urdf."""
+"""Exports of calibrations: JSON, C, Structured Text, ONNX, URDF and tables."""

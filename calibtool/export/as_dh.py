@@ -16,10 +16,10 @@ _PARALLEL = 1e-7  # rad: the feet of the common normal would be 1e7 lengths away
 
 
 def calibration_as_dh(calibration: Calibration, convention: DhConvention) -> tuple[str, list[str]]:
-    """A CSV that reads back as a robot from K_0 to the tool, and what it does not hold.
+    """A CSV that can be read as a robot from K_0 to the tool, and a list of what it does not hold.
 
-    The joint origins are those of `urdf_geometry`; a table with the rows `base` and `tool` holds
-    any of them, but for the tilt of axes that are parallel to 1e-7 rad. Each line of the list names
+    The joint origins are those of `urdf_geometry`. A table with the rows `base` and `tool` holds
+    any of them, except the tilt of axes that are parallel to 1e-7 rad. Each line of the list names
     a part that is lost, with its size.
     """
     robot, geometry = calibration.robot, urdf_geometry(calibration)
@@ -57,7 +57,9 @@ def dh_table(placements: Array, prismatic: list[bool], convention: DhConvention)
 
 
 def dh_csv(table: DhTable, robot: Robot, missing: list[str]) -> str:
-    """The text of a table, with limits in deg or mm, and what it does not hold in its head."""
+    """The text of a table, with limits in deg or mm, and in its head a list of what it does not
+    hold.
+    """
     head = [
         f"DH parameters of {robot.name}, calibrated; {table.convention} convention; "
         "K_0 to the tool",

@@ -17,11 +17,11 @@ from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
+from calibtool.robot.singularity import GRAM_REGULARISATION
 
-SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 3
+SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 4
 
 # Families of errors by id, and their keys: what a family does stands in FORMULA.
 ERROR_KEYS = {
@@ -29,6 +29,7 @@ ERROR_KEYS = {
     "twists": "twist_errors_per_rad_or_m",
     "offsets": "offset_errors_rad_or_m",
     "harmonics": "harmonics_rad",
+    "pairs": "pairs_rad",
     "gravity": "compliance_rad_per_nm",
     "backlash": "backlash_rad_or_m",
     "wobble": "wobble_rad",
@@ -39,12 +40,12 @@ ERROR_KEYS = {
 
 
 def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
-    """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and
-    every number for it.
+    """One JSON object, schema `calibtool/compensator`: the rule for q_m (`one_step`), and every
+    number for it.
 
-    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
-    `formula`. A float is written with as many digits as it takes to read exactly the same one; the
-    same calibration gives the same text. joint_values: whose joint values q and q_m are.
+    Units are in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
+    `formula`. A float is written with as many digits as reading back exactly the same one requires;
+    the same calibration gives the same text. joint_values: the kind of the joint values q and q_m.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
     if robot.chain.tree is not None:
@@ -124,7 +125,7 @@ def _network(network: Regressor) -> dict[str, Any]:
 
 
 def _setup(setup: Setup) -> dict[str, Any]:
-    """Where the measurements were made; no part of the correction."""
+    """The set-up of the measurements; the correction does not use it."""
     return {
         "T_instrument_base_m": setup.T_instrument_base.tolist(),
         "targets_m": setup.targets.tolist(),

@@ -1,4 +1,4 @@
-"""A calibration as machine data of a KUKA arm, refitted to what they can hold."""
+"""A calibration as machine data of a KUKA arm, fitted with the parameters that these have."""
 
 import numpy as np
 
@@ -15,11 +15,11 @@ _OFFSETS = (1, 4)  # axes whose zero no frame of the machine data holds
 
 
 def calibration_as_kuka_machine(calibration: Calibration) -> tuple[str, list[str]]:
-    """Lines for $machine.dat that `read_machine_data` reads, and what they do not hold.
+    """Lines for $machine.dat that `read_machine_data` reads, and a list of what they do not hold.
 
     $TIRORO, $LENGTH_A, $LENGTH_B, $TX3P3, $DH_4, $DH_5, $TFLWP and changes of $MAMES for axes 2 and
-    5 are identified again, as `urdf_geometry` chooses its configurations. Raises InputError for an
-    arm that is no #NR arm with a central wrist whose joints have KUKA's signs and zeros.
+    5 are fitted to the calibrated robot at the configurations of `urdf_geometry`. Raises InputError
+    for an arm that is no #NR arm with a central wrist whose joints have KUKA's signs and zeros.
     """
     robot, q = calibration.robot, fit_configurations(calibration)
     found = _fitted(robot, calibration.forward(q), q, _drawing(robot))
@@ -113,7 +113,7 @@ def _forward(x: Array, q: Array) -> Array:
 
 
 def _frame(values: Array) -> Array:
-    """X Y Z A B C in m and rad: Rz(A) Ry(B) Rx(C) behind the shift. (4, 4)"""
+    """X Y Z A B C in m and rad: a translation, then Rz(A) Ry(B) Rx(C). (4, 4)"""
     pose = np.eye(4)
     for axis, angle in zip((5, 4, 3), values[3:], strict=True):
         pose = pose @ exp6(np.eye(6)[axis] * angle)

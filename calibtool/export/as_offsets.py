@@ -1,4 +1,6 @@
-"""A calibration as joint offsets alone: corrections of the mastering, refitted."""
+"""A calibration as joint offsets alone: corrections of the mastering, fitted to the calibrated
+robot.
+"""
 
 import numpy as np
 
@@ -9,10 +11,11 @@ from calibtool.robot.coupling import JointValues
 
 
 def calibration_as_offsets(calibration: Calibration, values: JointValues) -> tuple[str, list[str]]:
-    """A CSV with one offset per joint, and a line for everything that it does not hold.
+    """A CSV with one offset per joint, and a line for each part that it does not hold.
 
-    The offsets δq are those of T_nominal(q + δq) nearest to the calibrated robot, identified as
-    `urdf_geometry` does it with everything else held. values: whose joint values they change.
+    The offsets δq are those of T_nominal(q + δq) nearest to the calibrated robot, fitted as in
+    `urdf_geometry` with all other parameters fixed. values: the kind of joint values that they
+    change.
     """
     robot, basis = calibration.robot, joint_basis(calibration.robot)
     geometry = urdf_geometry(calibration, basis)

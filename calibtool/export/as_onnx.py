@@ -22,11 +22,11 @@ def calibration_as_onnx(
     """The network (Eq. 16) or Gaussian process as an ONNX model; of several networks, their mean.
 
     Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal
-    base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and
-    q_corrected are; `rho` stays that of the serial chain. What stands in the metadata: robot, base
-    model, units, joint values. With closed loops the network is `Taught`: ρ is q minus the exactly
-    corrected joints. Raises InputError when there is no network, UsageError when the
-    package `onnx` is not installed.
+    base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: the kind of the joint
+    values q and q_corrected; `rho` is always of the serial chain. Metadata: robot, base model,
+    units, joint values. With closed loops the network is `Taught`: ρ is q minus the exactly
+    corrected joints. Raises InputError when there is no network, UsageError when the package `onnx`
+    is not installed.
     """
     robot, loops = calibration.robot, calibration.robot.chain.tree is not None
     network = layers(_taught(calibration) if loops else calibration.network)

@@ -1,4 +1,4 @@
-"""A calibration as the YAML in which the UR driver keeps the kinematics of an arm."""
+"""A calibration as the YAML file in which the UR driver stores the kinematics of an arm."""
 
 import numpy as np
 
@@ -15,11 +15,11 @@ _SAME = 1e-6  # m and rad
 
 
 def calibration_as_ur_yaml(calibration: Calibration) -> tuple[str, list[str]]:
-    """The text that `ur_frames` reads, and a line for everything that it does not hold.
+    """The text that `ur_frames` reads, and a line for each part that it does not hold.
 
-    The placements of the six joints are identified again as `urdf_geometry` does it, with the tool
-    frame held: behind the last joint the YAML has no frame. Raises InputError for another kind of
-    arm, and for a tool frame that is not on the last axis, looking along it.
+    The placements of the six joints are fitted as in `urdf_geometry`, with the tool frame fixed:
+    the YAML has no frame after the last joint. Raises InputError for another kind of arm, and for a
+    tool frame whose z axis is not the last axis.
     """
     robot = calibration.robot
     _check(robot)

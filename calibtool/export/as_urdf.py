@@ -21,15 +21,15 @@ from calibtool.robot.urdf_text import roll_pitch_yaw
 def calibration_as_urdf(
     calibration: Calibration, *, comments: bool = True
 ) -> tuple[str, list[str]]:
-    """The robot's own URDF with calibrated origins, and one line for everything that
-    it does not hold.
+    """The robot's own URDF with calibrated origins, and one line for each part that it does not
+    hold.
 
-    Links, meshes, masses, joint names and limits stay. The origins are those of `urdf_geometry`: of
-    all errors of the calibration they take up what origins can. The remaining error of every part
-    alone, and of all together, is given in mm and mrad at the tool over the configurations of the
-    calibration. comments: launch files of ROS 2 may stumble over comments; without them the same is
-    in an element <calibtool> that readers of URDFs pass over. Raises InputError where the tool
-    frame is no link of the URDF.
+    Links, meshes, masses, joint names and limits do not change. The origins are those of
+    `urdf_geometry`, which represent as much of the calibration as origins can. The remaining error
+    of every part alone, and of all together, is given in mm and mrad at the tool over the
+    configurations of the calibration. comments: launch files of ROS 2 may fail at comments; without
+    them the same text is in an element <calibtool> that readers of URDFs ignore. Raises InputError
+    where the tool frame is no link of the URDF.
     """
     robot = calibration.robot
     geometry = urdf_geometry(calibration)

@@ -17,20 +17,28 @@ def calibration_as_c(
     prefix: str = "calibtool",
     precision: Precision = "double",
     joint_values: JointValues = "serial",
+    header_name: str | None = None,
 ) -> tuple[str, str]:
     """Header and source, to be saved as `<prefix>.h` and `<prefix>.c`: functions
-    `<prefix>_correct`, `<prefix>_network`.
+    `<prefix>_correct`, `<prefix>_network`. The source includes `header_name` instead of
+    `<prefix>.h` if one is given.
 
     `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m
-    and a status, of type double or float. The source needs <math.h> only, takes no memory from the
-    heap, and is plain ASCII. Numbers have 17 significant digits (9 for float); the same calibration
-    gives the same text. joint_values: whose joint values q and q_m are. Raises UsageError when
-    `prefix` is no C identifier.
+    and a status, of type double or float. The source needs only <math.h>, does not allocate memory,
+    and is plain ASCII. Numbers have 17 significant digits (9 for float); the same calibration gives
+    the same text. joint_values: the kind of the joint values q and q_m. Raises UsageError when
+    `prefix` is no C identifier, or `header_name` has other characters than ASCII letters, digits,
+    spaces and `_ . + -`.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", prefix):
         raise UsageError(
             f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, "
             "no digit first"
+        )
+    header_name = header_name or f"{prefix}.h"
+    if not re.fullmatch(r"[A-Za-z0-9_.+ -]+", header_name):
+        raise UsageError(
+            f"'{header_name}' cannot be the name of a header; use letters, digits, spaces and _.+-"
         )
     loops = calibration.robot.chain.tree is not None
     values = {
@@ -41,6 +49,7 @@ def calibration_as_c(
         ),
         "prefix": prefix,
         "PREFIX": prefix.upper(),
+        "header_name": header_name,
         "real": "double" if precision == "double" else "float",
         "f": ""
         if precision == "double"

@@ -1,6 +1,4 @@
-"""A calibration of a robot with closed loops as JSON: complete, so that a reader needs nothing
-else.
-"""
+"""A calibration of a robot with closed loops as JSON, complete for a reader without other files."""
 
 import json
 from typing import Any
@@ -54,7 +52,7 @@ FORMULA = {
 def closed_calibration_as_json(calibration: Calibration) -> str:
     """One JSON object, schema `calibtool/closed-compensator`: every number of the exact correction.
 
-    Units stand in the key names, frames and rules under `formula`. The same calibration gives the
+    Units are in the key names, frames and rules under `formula`. The same calibration gives the
     same text.
     """
     robot, chain, equivalent = calibration.robot, calibration.robot.chain, calibration.equivalent

@@ -1,4 +1,4 @@
-"""The correction in words and formulas, for a reader who has nothing but the JSON file."""
+"""The correction in words and formulas, for a reader who has only the JSON file."""
 
 FORMULA = {
     "purpose": (
@@ -78,7 +78,10 @@ FORMULA = {
     ),
     "joint_motion": (
         "m_j(q) = sum over h = 1, 2, ... of harmonics_rad[j][2h - 2] sin(h q_j) + "
-        "harmonics_rad[j][2h - 1] cos(h q_j), minus compliance_rad_per_nm[j] tau_j(q)"
+        "harmonics_rad[j][2h - 1] cos(h q_j), plus, unless pairs_rad[j] is empty, the sum over "
+        "pairs k < l of joints, number i = 0, 1, ... in the order (1, 2), (1, 3) ... (n - 1, n): "
+        "pairs_rad[j][4i] sin(q_k + q_l) + [4i + 1] cos(q_k + q_l) + [4i + 2] sin(q_k - q_l) + "
+        "[4i + 3] cos(q_k - q_l), minus compliance_rad_per_nm[j] tau_j(q)"
     ),
     "backlash": (
         "q_m is for the middle of the backlash; for rows in the order of motion add "

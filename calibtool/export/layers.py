@@ -1,4 +1,4 @@
-"""A learned model in the one form that code evaluates, whether a network or a Gaussian process."""
+"""A learned model, network or Gaussian process, in the form that exported code evaluates."""
 
 from dataclasses import dataclass
 
@@ -12,10 +12,10 @@ from calibtool.robot.se3 import Array
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """A learned model as code evaluates it, whose arrays are those of `Network`.
+    """A learned model in the form that exported code evaluates, with the arrays of `Network`.
 
-    N(q) = output_scale ∘ (output_weights h + output_bias) of
-    h = tanh(x), x = hidden_weights s + hidden_bias, or with a `kernel` h = exp(x − |s|² / 2).
+    N(q) = output_scale ∘ (output_weights h + output_bias) of h = tanh(x), x = hidden_weights s +
+    hidden_bias, or with a `kernel` h = exp(x − |s|² / 2).
     """
 
     input_centre: Array
@@ -41,7 +41,7 @@ class Layers:
 
 
 def layers(model: Regressor | None) -> Layers | None:
-    """A learned model as code evaluates it, None without one."""
+    """A learned model in the form that exported code evaluates; None without one."""
     if model is None:
         return None
     if isinstance(model, GaussianProcess):

@@ -1,4 +1,4 @@
-"""What a format leaves out of a calibration, part by part, with its size at the tool."""
+"""Parts of a calibration that a format does not hold, each with its size at the tool."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,11 +17,10 @@ _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 def not_held(
     calibration: Calibration, held: RobotErrors, basis: Array | None = None
 ) -> Iterator[str]:
-    """One line per part of a calibration that `held` leaves out, and one for all of it.
+    """One line per part of a calibration that `held` does not contain, and one for all of them.
 
-    Sizes are in mm and mrad at the tool.
-    basis (6n+6, k): the directions in which the format holds placement errors, see
-    `fitted_geometry`.
+    Sizes are in mm and mrad at the tool. basis (6n+6, k): the directions in which the format holds
+    placement errors, see `fitted_geometry`.
     """
     robot, q = calibration.robot, calibration.q
     whole, tool = calibration.forward(q), held.forward(q)
@@ -37,7 +36,9 @@ def not_held(
 
 
 def all_together(whole: Array, held: Array) -> list[str]:
-    """A line for how far poses (N, 4, 4) are from those that a format holds, none for nothing."""
+    """A line with the distance of poses (N, 4, 4) from those of a format; None where they are
+    equal.
+    """
     sizes = _sizes(whole, held)
     if sizes.max() <= _NOTHING:
         return []
@@ -49,7 +50,7 @@ def all_together(whole: Array, held: Array) -> list[str]:
 
 
 def _parts(calibration: Calibration, more: tuple[str, ...]) -> Iterator[tuple[str, Calibration]]:
-    """The calibration with one only of the parts that a format cannot hold altogether."""
+    """The calibration with each single part that a format cannot hold completely."""
     base, none = calibration.base, RobotErrors.of(calibration.robot)
     for family in base.errors.present:
         if family.id not in ("placements", "offsets", "backlash") or family.id in more:

@@ -19,10 +19,10 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import printable
 from calibtool.export.layers import layers
 from calibtool.robot.coupling import JointValues, coupling_text
-from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import GRAM_REGULARISATION
 
 Precision = Literal["double", "single"]
 
@@ -37,20 +37,20 @@ SINGLE_ACCURACY, SINGLE_LARGEST, SINGLE_DISTANCE = 1e-6, 2e-5, 0.04
 
 
 class Code(str):
-    """Text that is code already, made by a template: `render` takes it as it is."""
+    """Text that is code, made by a template: `render` does not escape it."""
 
     __slots__ = ()
 
 
 def in_code(text: str) -> str:
-    """A text of a file for comments of C and Structured Text: nothing in it ends a comment, joins
-    lines or begins a trigraph, and it is ASCII.
+    """A text of a file for comments of C and Structured Text: ASCII, without characters that end
+    the comment, join lines or begin a trigraph.
     """
     return re.sub(r"[^ -~]|[*\\?]", "_", text)
 
 
 def in_xml_comment(text: str) -> str:
-    """A text of a file for comments of XML, where no two hyphens may follow each other."""
+    """A text of a file for comments of XML, in which two hyphens must not follow each other."""
     return re.sub("-(?=-)", "- ", printable(text))
 
 
@@ -62,8 +62,8 @@ def render(
 ) -> str:
     """A template of this package as text. An undefined name is an error.
 
-    Every text in `values` passes through `escape`, but for `Code`: this is the one place where
-    texts of files meet code.
+    Every text in `values` except `Code` passes through `escape`. This is the only place where texts
+    of files get into code.
     """
     environment = Environment(
         loader=PackageLoader("calibtool.export"),
@@ -108,9 +108,9 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(
     calibration: Calibration, precision: Precision, joint_values: JointValues
 ) -> dict[str, Any]:
-    """The numbers of a calibration, by the names that the templates know; units as in `as_json`.
+    """The numbers of a calibration, by their names in the templates; units as in `as_json`.
 
-    joint_values: whose joint values the code takes and gives.
+    joint_values: the kind of joint values that the code reads and returns.
     """
     robot, equivalent, network = (
         calibration.robot,
@@ -203,7 +203,7 @@ def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
 
 
 def left_out(calibration: Calibration) -> str:
-    """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
+    """The parts that a function of the joint positions cannot hold, in words; empty without any."""
     backlash = calibration.base.errors["backlash"]
     if not backlash.any():
         return ""
@@ -218,8 +218,8 @@ def _cost(
     turns: dict[str, Any] | None,
     converted: bool,
 ) -> str:
-    """Arithmetic of one correction, as counted in the generated C code where the whole step
-    is taken undamped.
+    """Number of operations of one correction, counted in the generated C code for an undamped
+    step.
     """
     n, p, network = calibration.robot.n, calibration.equivalent.p, layers(calibration.network)
     if network is None and calibration.base.model == "nominal":
@@ -238,6 +238,7 @@ def _cost(
         calls += runs * network.hidden
     if varying:
         flops += n * (172 + 20 * motion["orders"] + 124 * motion["gravity"])
+        flops += 4 * n * (n - 1) * (n + 1) if motion["pairs"] is not None else 0
     if turns:
         payload, bends, wobbles = (
             turns[part] is not None for part in ("payload", "bending", "wobble")
@@ -251,11 +252,12 @@ def _cost(
 
 
 def _motion(errors: RobotErrors) -> dict[str, Any]:
-    """Joint-motion functions: number of harmonics, gravity, and their numbers."""
+    """Joint-motion functions: number of harmonics, pairs, gravity, and their numbers."""
     masses, centres, gravity = link_masses(errors.robot)
     return {
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
         "harmonics": errors["harmonics"],
+        "pairs": errors["pairs"] if errors["pairs"].any() else None,
         "gravity": bool(errors["gravity"].any()),
         "weights": bool(errors["gravity"].any() or errors["bending"].any()),
         "compliance": errors["gravity"],
@@ -267,11 +269,13 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
 
 def _varying(motion: dict[str, Any], turns: dict[str, Any] | None) -> bool:
     """Whether the joint motion errors or the placements change with the joint positions."""
-    return bool(motion["orders"] or motion["gravity"] or turns)
+    return bool(motion["orders"] or motion["pairs"] is not None or motion["gravity"] or turns)
 
 
 def _conditions(calibration: Calibration) -> str:
-    """For which payload and temperature it is, in words; empty where it does not depend on them."""
+    """The payload and temperature for which it is, in words; empty where it does not depend on
+    them.
+    """
     rows = Rows(calibration.robot, np.zeros((1, calibration.robot.n)), calibration.conditions)
     words = {
         "payload": f"{float(rows.payload):g} kg at the tool",
@@ -283,9 +287,10 @@ def _conditions(calibration: Calibration) -> str:
 
 
 def _turns(calibration: Calibration) -> dict[str, Any] | None:
-    """What turns the joint frames from row to row, and the origins about which; None for nothing.
+    """The rotations of the joint frames from row to row, and the origins about which they turn;
+    None without any.
 
-    payload: the mass at the tool and what it does to each joint; bending, wobble: about `across`.
+    payload: the mass at the tool and its effect on each joint; bending, wobble: about `across`.
     None where absent.
     """
     errors, robot = calibration.errors, calibration.robot

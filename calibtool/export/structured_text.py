@@ -42,12 +42,12 @@ def calibration_as_structured_text(
     precision: Precision = "double",
     joint_values: JointValues = "serial",
 ) -> str:
-    """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status,
-    of LREAL or REAL.
+    """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status, of LREAL
+    or REAL.
 
-    It computes what `compensation.one_step` does, without recursion, functions of its own or memory
-    beyond its variables. Plain ASCII. joint_values: whose joint values q and q_corrected are.
-    Raises UsageError when `name` is no identifier of IEC 61131-3.
+    It computes `compensation.one_step` without recursion, own functions or memory beyond its
+    variables. Plain ASCII. joint_values: the kind of the joint values q and q_corrected. Raises
+    UsageError when `name` is no identifier of IEC 61131-3.
     """
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
@@ -89,8 +89,8 @@ def _array(number: Any, values: Array) -> str:
 
 
 def _memory(declarations: str, n: int, size: int) -> int:
-    """Bytes of the declared numbers, with q and q_corrected; what a controller adds for
-    alignment is not known.
+    """Bytes of the declared numbers, with q and q_corrected; padding by the controller is not
+    included.
     """
     total = 2 * n * size + 2
     for names, ranges, kind in re.findall(

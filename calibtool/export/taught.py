@@ -1,8 +1,9 @@
-"""A network taught a calibration's exact corrections: what a controller evaluates of closed loops.
+"""A network trained on a calibration's exact corrections, which controllers of closed loops
+evaluate.
 
-A controller would need Newton's method and a table of closed configurations. The corrections are a
-smooth function of the joints, and a small network learns them within what the calibration itself
-leaves.
+A controller would otherwise need Newton's method and a table of closed configurations. The
+corrections are a smooth function of the joints, and a small network approximates them to within the
+remaining error of the calibration itself.
 """
 
 from dataclasses import dataclass
@@ -28,10 +29,10 @@ LARGEST_PART = 0.1  # of the rms error that is corrected: a network that leaves 
 
 @dataclass(frozen=True, eq=False)
 class Taught:
-    """N(q) ≈ q_m − q of `compensation.exact`, for joints inside the range that was taught.
+    """N(q) ≈ q_m − q of `compensation.exact`, for joints inside the range of its training.
 
     network      of n outputs, rad or m
-    lower, upper (n,) the joints that were taught, rad or m
+    lower, upper (n,) range of the joints in training, rad or m
     before, exact, after  largest errors of the task components on other configurations: as
                  commanded, exactly corrected, corrected by the network; mm and mrad each
     mean         mean errors of the same, mm and mrad each
@@ -47,11 +48,11 @@ class Taught:
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
-        """Teach a network over the default workspace of the robot.
+        """Train a network over the default workspace of the robot.
 
         The loss is the weighted error of the task components, |A (N − Δ)|². Raises NoSolutionError
-        where it leaves more than LARGEST_PART of what there is to correct, rms, as the largest
-        error.
+        where the largest error that it leaves is more than LARGEST_PART of the rms error to be
+        corrected.
         """
         robot, rng = calibration.robot, np.random.default_rng(0)
         workspace = robot.workspace()

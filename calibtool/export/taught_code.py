@@ -1,4 +1,4 @@
-"""Closed loops as C99 and Structured Text: a taught network, and how near it comes."""
+"""Closed loops as C99 and Structured Text: a trained network, and its accuracy."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,9 +11,9 @@ from calibtool.export.taught import Taught
 
 
 def taught_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
-    """What the templates of taught networks name; Taught.of may raise NoSolutionError.
+    """The values of the templates of trained networks; Taught.of may raise NoSolutionError.
 
-    Raises UsageError for a robot whose controller shows other joint values than its joints'.
+    Raises UsageError for a robot whose controller shows other joint values than the joints'.
     """
     robot = calibration.robot
     if robot.coupled:

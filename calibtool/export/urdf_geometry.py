@@ -1,4 +1,4 @@
-"""The geometry that a URDF can hold, identified again from what a calibration predicts."""
+"""The geometry that a URDF can hold, fitted to the predictions of a calibration."""
 
 from collections.abc import Callable
 
@@ -9,10 +9,10 @@ from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
+from calibtool.robot.singularity import at_point, scale_rows
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)
 
@@ -24,12 +24,12 @@ _ROUNDING = 1e-8  # of the largest singular value: smaller ones are exact redund
 
 
 def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> RobotErrors:
-    """Placement errors δζ that bring Π M_j exp6(δζ_j) exp6(ξ_j q_j) near the calibrated robot.
+    """Placement errors δζ with which Π M_j exp6(δζ_j) exp6(ξ_j q_j) is nearest to the calibrated
+    robot.
 
-    Fitted over the configurations of the calibration and over a sample of where they lie, which
-    count the same. There are no errors where those found are not better than none on other samples,
-    by two standard errors of the mean weighted pose error. basis (6n+6, k): see
-    `fitted_geometry`.
+    Fitted over the configurations of the calibration and over a sample from the same region, with
+    equal weights. They are zero where the fitted ones are not better on other samples by two
+    standard errors of the mean weighted pose error. basis (6n+6, k): see `fitted_geometry`.
     """
     robot, q = calibration.robot, fit_configurations(calibration)
     judged = _sample(calibration, 2 * _SAMPLE)[_SAMPLE:]
@@ -46,7 +46,9 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
 
 
 def fit_configurations(calibration: Calibration) -> Array:
-    """Configurations of the calibration and as many of where they lie, (2 · 500, n) in rad or m."""
+    """Configurations of the calibration and as many from the same region, (2 · 500, n) in rad or
+    m.
+    """
     known = calibration.q
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     return np.concatenate([_sample(calibration, 2 * _SAMPLE)[:_SAMPLE], as_many])
@@ -76,10 +78,11 @@ def fitted_geometry(
 ) -> RobotErrors:
     """δζ of the least weighted pose error to the poses `forward(q)`, q (N, n) in rad or m.
 
-    Gauss–Newton from the drawing. Placements that the poses do not tell apart share their part by
-    minimum norm over the tolerances of the robot's description; the error that no placement takes
-    up counts as noise, so that poses which a URDF can hold are met exactly. basis: the directions
-    (6n+6, k) in which δζ may go, orthogonal, each as long as its tolerance; all unless given.
+    Gauss–Newton from zero. Placements that the poses cannot distinguish share their error by
+    minimum norm over the tolerances of the robot's description. The error that no placement
+    explains counts as noise, so that poses which a URDF can hold are met exactly. basis: the
+    directions (6n+6, k) in which δζ may change, orthogonal, each as long as its tolerance; by
+    default all.
     """
     target, geometry = forward(q), RobotErrors.of(robot)
     basis = full_basis(robot) if basis is None else basis

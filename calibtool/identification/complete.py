@@ -21,7 +21,8 @@ from calibtool.identification.equations import normal_equations
 from calibtool.identification.evidence import inverse, widened
 from calibtool.identification.fitting import CONVERGED, Fit, fit
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
-from calibtool.identification.model_choice import chosen_fit
+from calibtool.identification.left_out import left_out_variance
+from calibtool.identification.model_choice import chosen_fit, offered
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged
 from calibtool.identification.sufficiency import check_rows
@@ -150,6 +151,14 @@ def _identification(
         stated = parameters.prior_std(options.tolerances)
         prior_std = widened(parameters, fitted.theta, covariance, prior_std, stated)
         covariance = inverse(fitted.information / fitted.noise_factor**2 + np.diag(prior_std**-2.0))
+    left_out = left_out_variance(
+        measurements,
+        offered(measurements, options.orders),
+        options.tolerances,
+        fitted,
+        prior_std,
+        covariance,
+    )
     prior_scaled = (
         fitted.prior_std[:, None] * fitted.information * fitted.prior_std / fitted.noise_factor**2
     )
@@ -184,6 +193,7 @@ def _identification(
             effective=fitted.effective,
             log_evidence=float(log_evidence),
             residual_factors=readonly(_residual_factors(measurements, fitted)),
+            left_out=readonly(left_out),
         ),
         flagged=flagged,
     )

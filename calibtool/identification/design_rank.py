@@ -8,9 +8,9 @@ from calibtool.identification.local_poe import directions, numerical_rank
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.observation import observation_matrix
 from calibtool.measurement.setup import Setup
-from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import at_point, scale_rows
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,11 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Step of the parameters (p,), covariance, tolerances, noise and γ at maximum evidence."""
+    """Step of the parameters (p,), their deviations, tolerances, noise and γ at maximum
+    evidence."""
 
     step: Array
-    covariance: Array
+    std: Array
     prior_std: Array
     noise_factor: float
     effective: float
@@ -28,7 +29,7 @@ class Solution:
     @property
     def farthest(self) -> float:
         """Largest element of the step in standard deviations of the posterior."""
-        return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
+        return float(np.abs(self.step / self.std).max())
 
 
 def posterior_step(
@@ -46,22 +47,30 @@ def posterior_step(
     """
     H, g = equations.information, equations.gradient
     for _ in range(_ROUNDS):
-        covariance = inverse(H / noise_factor**2 + np.diag(prior_std**-2.0), on_the_way=True)
-        step = covariance @ (g / noise_factor**2 - theta / prior_std**2)
-        effective = float(np.sum(H * covariance)) / noise_factor**2
+        # In units of the tolerances the prior is the identity.
+        scaled = H * prior_std
+        scaled *= (prior_std / noise_factor**2)[:, None]
+        scaled.flat[:: len(prior_std) + 1] += 1.0
+        root = _root_of_inverse(scaled, on_the_way=True)
+        gradient = prior_std * g / noise_factor**2 - theta / prior_std
+        step = prior_std * (root.T @ (root @ gradient))
+        remaining = np.einsum("ij,ij->j", root, root)  # of the variance of every tolerance
+        effective = float(len(remaining) - remaining.sum())
         squares = max(equations.squares - 2 * float(g @ step) + float(step @ H @ step), 0.0)
         freedom = max(equations.equations - effective, 0.0)
         noise = float(np.sqrt((squares + _PSEUDO_OBSERVATIONS) / (freedom + _PSEUDO_OBSERVATIONS)))
-        scaled = prior_std
+        std, scaled_std = np.sqrt(remaining) * prior_std, prior_std
         if largest_std is not None:
-            scaled = np.minimum(
-                _re_estimated(parameters, theta + step, covariance, prior_std), largest_std
+            scaled_std = np.minimum(
+                _re_estimated(parameters, theta + step, remaining, prior_std), largest_std
             )
-        change = max(abs(noise / noise_factor - 1.0), float(np.abs(scaled / prior_std - 1.0).max()))
-        noise_factor, prior_std = noise, scaled
+        change = max(
+            abs(noise / noise_factor - 1.0), float(np.abs(scaled_std / prior_std - 1.0).max())
+        )
+        noise_factor, prior_std = noise, scaled_std
         if change < _SETTLED:
             break
-    return Solution(step, covariance, prior_std, noise_factor, effective)
+    return Solution(step, std, prior_std, noise_factor, effective)
 
 
 def most_probable(
@@ -69,7 +78,7 @@ def most_probable(
     covariance: Array,
     prior_std: Array,
     sections: list[np.ndarray],
-    parsimony: float,
+    parsimony: list[float],
 ) -> np.ndarray:
     """Which parameters (p,) bool remain when sections go whose absence is more probable than their
     presence.
@@ -77,18 +86,19 @@ def most_probable(
     The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ,
     covariance) over all of
     them, which is conditioned on every section that has gone. A section stays that earns more than
-    `parsimony` nats.
+    its `parsimony` in nats.
     """
     theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
-    remaining = list(sections)
+    remaining = list(zip(sections, parsimony, strict=True))
     while remaining:
         gains = [
-            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in remaining
+            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) + least
+            for s, least in remaining
         ]
         worst = int(np.argmax(gains))
-        if gains[worst] < -parsimony:
+        if gains[worst] < 0.0:
             break
-        s = remaining.pop(worst)
+        s, _ = remaining.pop(worst)
         gain = np.linalg.solve(covariance[np.ix_(s, s)], covariance[s]).T
         theta -= gain @ theta[s]
         covariance -= gain @ covariance[s]
@@ -100,30 +110,39 @@ def inverse(matrix: Array, on_the_way: bool = False) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first.
 
     Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, for
-    example because the noise is far too small for the tolerances. on_the_way: in an iteration,
-    rounded negative eigenvalues are replaced instead, since the noise is estimated again
-    afterwards.
+    example because the noise is far too small for the tolerances. on_the_way: see
+    `_root_of_inverse`.
     """
-    from scipy.linalg.lapack import dpotrf, dpotri
-
     with np.errstate(all="ignore"):
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        scaled = matrix * np.outer(scale, scale)
-    if not np.isfinite(scaled).all():
+        root = _root_of_inverse(matrix * np.outer(scale, scale), on_the_way) * scale
+    result: Array = root.T @ root
+    return result
+
+
+def _root_of_inverse(matrix: Array, on_the_way: bool) -> Array:
+    """W (p, p) with WᵀW the inverse of a symmetric positive definite matrix (p, p).
+
+    on_the_way: in an iteration, rounded negative eigenvalues are replaced, since the noise is
+    estimated again afterwards; NoSolutionError otherwise.
+    """
+    from scipy.linalg.lapack import dpotrf, dtrtri
+
+    if not np.isfinite(matrix).all():
         raise _singular()
-    factor, failed = dpotrf(scaled, lower=True, clean=True)
+    factor, failed = dpotrf(matrix.T, lower=True, clean=True)
     if not failed:
-        half, failed = dpotri(factor, lower=True)
-        result: Array = half + np.tril(half, -1).T
+        root, failed = dtrtri(factor, lower=True, overwrite_c=True)
     if failed:
-        eigenvalues, vectors = np.linalg.eigh(scaled)
+        eigenvalues, vectors = np.linalg.eigh(matrix)
         if not on_the_way or eigenvalues[0] < -_ROUNDING * eigenvalues[-1]:
             raise _singular()
         eigenvalues = np.maximum(
             eigenvalues, len(eigenvalues) * np.finfo(float).eps * eigenvalues[-1]
         )
-        result = (vectors / eigenvalues) @ vectors.T
-    return result * np.outer(scale, scale)
+        root = (vectors / np.sqrt(eigenvalues)).T
+    result: Array = root
+    return result
 
 
 def _singular() -> NoSolutionError:
@@ -175,13 +194,13 @@ def widened(
 
 
 def _re_estimated(
-    parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
+    parameters: Parameters, theta: Array, remaining: Array, prior_std: Array
 ) -> Array:
     """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances
-    keep their ratios.
+    keep their ratios. remaining (p,): variance of θ over that of its tolerance.
     """
     result = prior_std.copy()
-    determined = 1.0 - np.diag(covariance) / prior_std**2
+    determined = 1.0 - remaining
     for chosen in parameters.groups:
         gamma = float(determined[chosen].sum())
         if gamma < 0.5:  # nothing was learned about this family

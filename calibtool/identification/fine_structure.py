@@ -11,7 +11,9 @@ from typing import Self
 
 import numpy as np
 
+from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.harmonics import FINE_ORDERS, LOW_ORDERS, harmonic_functions
+from calibtool.errormodel.pairs import pair_functions
 from calibtool.identification.equations import linearised_rows
 from calibtool.identification.fitting import Fit
 from calibtool.identification.parameters import Parameters
@@ -20,6 +22,7 @@ from calibtool.robot.se3 import Array
 
 _CHUNK = 1000  # configurations whose columns are in memory together
 _CLEAR = 3.0  # nats by which finer harmonics must make the data more probable
+WORTHWHILE = 0.95  # of the squared residuals of new rows: with fine structure they have to be less
 _ROWS = 2.0  # waves per configuration, at most
 _NOISES = np.geomspace(0.4, 1.1, 6)  # noise over that of the fit
 _HANDFUL, _FEW = 20, 200  # configurations
@@ -58,6 +61,33 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
         if best[0] > (_CLEAR if len(joints) == 1 else -np.inf):
             orders[asking], sizes[asking] = best[2], best[1]
     return np.maximum(orders, has), sizes
+
+
+def paired(measurements: Measurements, fit: Fit) -> Array:
+    """Size of the functions of pairs of joints of every joint (n,) in rad; 0 where the residuals
+    of a fit do not support them.
+
+    None with fewer configurations than such functions, or where they hardly promise to predict new
+    rows better.
+    """
+    robot, sizes = measurements.robot, np.zeros(measurements.robot.n)
+    family = BY_ID["pairs"]
+    free = family.free(robot, family.shape(robot.n))
+    if len(measurements) < max(free.sum(axis=1).max(initial=0), _HANDFUL):
+        return sizes
+    functions = pair_functions(measurements.q)
+    products = _Products.of(measurements, fit)
+    for j in map(int, np.flatnonzero(free.any(axis=1))):
+        information, gradient = products.given_the_fit([j], [functions[:, free[j]]])
+        gain, size = _gain(information, gradient, products.squares, products.freedom)
+        sizes[j] = size if gain > _CLEAR else 0.0
+    joints = [int(j) for j in np.flatnonzero(sizes)]
+    if joints:
+        products_of = products.given_the_fit(joints, [functions[:, free[j]] for j in joints])
+        std = np.repeat(sizes[joints], free[joints].sum(axis=1))
+        if _expected(*products_of, std, products.squares, products.freedom) > WORTHWHILE:
+            return np.zeros(robot.n)
+    return sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +164,19 @@ def harmonic_orders(parameters: Parameters) -> np.ndarray:
             for j, row in enumerate(part.free):
                 orders[j] = (np.flatnonzero(row)[-1] // 2 + 1) if row.any() else 0
     return orders
+
+
+def _expected(
+    information: Array, gradient: Array, std: Array, squares: float, freedom: float
+) -> float:
+    """Squared residuals of new rows over those without parameters of these deviations (k,), by
+    generalised cross-validation (Golub, Heath and Wahba 1979).
+    """
+    values, vectors = np.linalg.eigh(std[:, None] * information * std)
+    values, along = np.maximum(values, 0.0), (vectors.T @ (std * gradient)) ** 2
+    explained = float((along * (2.0 + values) / (1.0 + values) ** 2).sum())
+    effective = float((values / (1.0 + values)).sum())
+    return (1.0 - explained / squares) / (1.0 - effective / freedom) ** 2
 
 
 def _gain(

@@ -159,7 +159,7 @@ def _not_settled(
     measurements: Measurements, parameters: Parameters, solution: Solution
 ) -> NoSolutionError:
     setup = slice(parameters.blocks["base"].start, None)
-    unsure = np.sqrt(np.diag(solution.covariance)[setup]) / solution.prior_std[setup]
+    unsure = solution.std[setup] / solution.prior_std[setup]
     remedy, noise = "check units, joint order and target order", measurements.noise_position
     if noise < _ROUNDING:
         remedy = f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"

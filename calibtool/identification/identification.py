@@ -25,6 +25,8 @@ class Posterior:
     effective     effective number of parameters γ that the data determined
     log_evidence  of the data, up to a constant that is the same for every model of the same
                   measurements
+    left_out      (p,) variance that sections left out of the model add to that of every parameter
+                  (SI), not to that of poses: see `left_out_variance`
     residual_factors  (2,) standard deviation of the residuals of a coordinate over the stated
                   noise, lengths and angles apart: the real noise and what the model does not
                   describe; 1 for a kind of coordinate that was not measured
@@ -36,6 +38,7 @@ class Posterior:
     noise_factor: float
     effective: float
     log_evidence: float
+    left_out: Array
     residual_factors: Array = field(default_factory=lambda: np.ones(2))
 
     @property
@@ -45,8 +48,8 @@ class Posterior:
 
     @property
     def std(self) -> Array:
-        """(p,) standard deviation of each parameter."""
-        return np.sqrt(np.diag(self.covariance))
+        """(p,) standard deviation of each parameter, whatever the model leaves out."""
+        return np.sqrt(np.diag(self.covariance) + self.left_out)
 
 
 @dataclass(frozen=True, eq=False)

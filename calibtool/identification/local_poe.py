@@ -30,10 +30,11 @@ _SHOWN = 100.0
 # m and rad: a step that ends the iteration; after the usual number of steps, where directions that
 # are hardly seen come near their end slowly, 0.1 µm and 0.1 µrad do
 _SETTLED, _USUAL, _SETTLED_LATE = 1e-10, 30, 1e-7
+_ITERATIONS = 100  # at most
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
-def identify_local_poe(measurements: Measurements, max_iterations: int = 100) -> Identification:
+def identify_local_poe(measurements: Measurements) -> Identification:
     """Fit δζ_1…δζ_{n+1} to the measured coordinates, weighted by 1/σ.
 
     Unknown targets take the place of δζ_{n+1}. Directions that the noise hides are not estimated;
@@ -100,7 +101,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 100) ->
             linearise,
             solve,
             lambda at, step: at.moved(parameters, step),
-            max_iterations,
+            _ITERATIONS,
             cost if loops else None,
         )
         if settled or not 1.0 < least < 1.0 / (_SHOWN * measurements.noise_position):
@@ -108,7 +109,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 100) ->
         noise = least  # of what the formula cannot describe: fewer directions stand out of it
     if not settled:
         raise NoSolutionError(
-            f"local-poe: no convergence in {max_iterations} iterations, the last step "
+            f"local-poe: no convergence in {_ITERATIONS} iterations, the last step "
             f"was {last:.1e}; check units, joint order and the order of the targets"
         )
     final = residuals(measurements, state.setup, state.frames(q).tool)

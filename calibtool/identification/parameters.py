@@ -10,7 +10,6 @@ import numpy as np
 
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import COMPONENTS, Context, Family, JointFunctions
-from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
@@ -110,12 +109,11 @@ class Parameters:
 
     @cached_property
     def fine_structure(self) -> np.ndarray:
-        """Which parameters (p,) are harmonics beyond the low orders, bool."""
+        """Which parameters (p,) are fine structure (`Family.fine`), bool."""
         fine = np.zeros(self.count, dtype=bool)
         for part in self.parts:
-            if part.family.id == "harmonics":
-                order = part.elements % part.shape[1] // 2 + 1
-                fine[self.blocks[part.family.id]] = order > LOW_ORDERS
+            of_part = part.family.fine(part.shape).ravel()
+            fine[self.blocks[part.family.id]] = of_part[part.elements]
         return fine
 
     @property

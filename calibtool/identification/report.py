@@ -51,7 +51,7 @@ def parameter_rows(identification: Identification) -> list[ParameterRow]:
             value=float(theta[i] * factors[i]),
             std=float(std[i] * factors[i]),
             tolerance=float(prior[i] * factors[i]),
-            determined=float(1.0 - (std[i] / prior[i]) ** 2),
+            determined=float(max(1.0 - (std[i] / prior[i]) ** 2, 0.0)),
         )
         for i, name in enumerate(posterior.parameters.names)
     ]
@@ -76,7 +76,8 @@ def parameter_table(identifications: list[tuple[str, Identification]]) -> str:
 
 def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:
     """Pairs of parameters that the data can hardly tell apart, largest correlation first."""
-    correlation = posterior.covariance / np.outer(posterior.std, posterior.std)
+    std = np.sqrt(np.diag(posterior.covariance))
+    correlation = posterior.covariance / np.outer(std, std)
     rows, columns = np.triu_indices(len(correlation), k=1)
     order = np.argsort(-np.abs(correlation[rows, columns]))[:count]
     names = posterior.parameters.names

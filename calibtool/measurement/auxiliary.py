@@ -13,7 +13,7 @@ from calibtool.robot.se3 import Array, readonly
 
 @dataclass(frozen=True, eq=False)
 class AuxiliaryReadings:
-    """Columns beside N measured configurations; None where a table has none, NaN for a missing
+    """Further columns of N measured configurations; None where a table has none, NaN for a missing
     value.
 
     q_commanded       (N, n) joint positions that the controller was told to drive to, rad or m

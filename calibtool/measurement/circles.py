@@ -1,8 +1,8 @@
-"""Circle fits: while one joint turns alone, every target runs on a circle about that joint's axis.
+"""Circle fits: while one joint turns alone, every target moves on a circle about that joint's axis.
 
-The axis lines of joints 1 and 2 in the instrument's frame, laid over those of the nominal robot,
-give T_instrument_base without any target known (the method of single joints, Mooring, Roth,
-Driels 1991, ch. 5).
+The axes of joints 1 and 2 in the instrument's frame, matched with those of the nominal robot, give
+T_instrument_base without known targets (the method of single joints, Mooring, Roth, Driels 1991,
+ch. 5).
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Line:
 
 
 def circle_start(measurements: Measurements) -> Array | None:
-    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such
+    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows contain no such
     circles.
 
     Also None with closed loops, and when one of the joints is prismatic or the two axes are

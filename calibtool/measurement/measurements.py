@@ -259,9 +259,9 @@ class Measurements:
         return replace(self, rotations=None, setup=setup, truth=None, deviations=deviations)
 
     def anywhere(self, q: Array, rng: np.random.Generator) -> Self:
-        """As if measured at q (N, n), rad or m, with everything seen; what is read does not matter.
+        """As if measured at q (N, n), rad or m, with everything seen; the readings are arbitrary.
 
-        Every row is in any of the places, under any of the conditions.
+        Every row has a random place and random conditions of these measurements.
         """
         count = len(q)
         width = None if self.values is None else self.values.shape[1]

@@ -1,4 +1,4 @@
-"""Several files of measurements as one: each file's set-up is a labelled place of its own."""
+"""Several files of measurements as one; each file's set-up becomes a labelled place."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,11 +13,11 @@ from calibtool.robot.se3 import Array, readonly
 
 
 def merged(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
-    """The rows of named files in their order, with the tool's targets in common.
+    """The rows of named files in their order, with the same targets on the tool.
 
-    The instrument stood elsewhere in every file: one place for each place of each file. The set-up
-    is registered with the nominal robot. Raises InputError for other robots, kinds of observation,
-    numbers of targets or known set-ups, and for wires.
+    Each place of each file becomes a place of its own. The set-up is registered with the nominal
+    robot. Raises InputError for different robots, kinds of observation, numbers of targets or known
+    set-ups, and for wires.
     """
     (name, first), *others = parts
     if not others:
@@ -61,7 +61,7 @@ def merged(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
 
 
 def _alike(one: Measurements, other: Measurements) -> dict[str, bool]:
-    """What two files must have in common, in words, and whether they do."""
+    """The properties that two files must share, in words, and whether they do."""
     source = one.robot.source
     return {
         "the robot": source.toml_text == other.robot.source.toml_text,
@@ -73,7 +73,7 @@ def _alike(one: Measurements, other: Measurements) -> dict[str, bool]:
 
 
 def _environment(first: Measurements, places: int) -> dict[str, Array]:
-    """What of the set-up there is once for each place, as a start."""
+    """The arrays of the set-up with one entry per place, as a start."""
     setup = first.setup
     if setup.planes is not None:
         return {"planes": readonly(np.tile(setup.planes[:1], (places, 1)))}
@@ -96,7 +96,7 @@ def _deviations(part: Measurements) -> Array:
 
 
 def _conditions(parts: Sequence[Measurements]) -> Conditions:
-    """What all files know of their rows."""
+    """The conditions of the rows that all files state."""
     known: dict[str, Array] = {}
     for name in ("direction", "payload_kg", "temperature_c"):
         values = [getattr(part.conditions, name) for part in parts]

@@ -32,8 +32,8 @@ def measured_in_base(measurements: Measurements, setup: Setup) -> Readings:
 def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
     """Measured minus predicted, in K_0: (N, d), m and rad; 0 for a target that was not seen.
 
-    Also 0 for a row in which the model cannot be, its closed loops not closed: it tells nothing of
-    the model's parameters.
+    Also 0 for a row at which the loops of the model do not close: it does not determine its
+    parameters.
     """
     left = setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
     return _where_closed(left, T_base_tool)

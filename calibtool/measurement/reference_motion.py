@@ -1,5 +1,5 @@
-"""Motion of the instrument against the base, from points fixed to the base that are measured again
-and again.
+"""Motion of the instrument relative to the base, from repeated readings of points fixed to the
+base.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class ReferencePoints:
     points: Array
 
     def ordered(self) -> Self:
-        """By time, without readings of nothing; 0, 0, 0 is not read."""
+        """Sorted by time, without empty readings; 0, 0, 0 counts as not read."""
         unread = np.isnan(self.points).any(axis=-1) | (self.points == 0.0).all(axis=-1)
         points = np.where(unread[..., None], np.nan, self.points)
         kept = np.flatnonzero(np.isfinite(self.times) & ~unread.all(axis=1))
@@ -37,8 +37,8 @@ class ReferencePoints:
         return type(self)(self.times[kept], points[kept])
 
     def without_gross(self, noise: float) -> tuple[Self, int]:
-        """The same without points far from where they were before and after, and how many they
-        were.
+        """The same without points far from where they were before and after, and the number of
+        these points.
 
         noise: standard deviation of a coordinate, m. Points read fewer than five times are kept.
         """
@@ -60,14 +60,13 @@ class ReferencePoints:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentMotion:
-    """How points fixed to the base moved in the instrument's frame since they were first read.
+    """Motion of points fixed to the base in the instrument's frame since they were first read.
 
-    A point p goes to R (p − c) + c + v at a time, (v, w) the twist there and R = exp(w); between
-    knots the twist is interpolated, outside them it stays.
+    A point p moves to R (p − c) + c + v, (v, w) the twist at that time and R = exp(w). Between
+    knots the twist is interpolated, outside them it is constant.
 
     times       (K,) of the knots, as in `ReferencePoints`
-    twists      (K, 6) v in m and w in rad, axes of the instrument; zero where nothing clear was
-                found
+    twists      (K, 6) v in m and w in rad, axes of the instrument; zero without significant motion
     covariance  (K, 6, 6) of them
     centre      (3,) c, the middle of the points at first, m
     noise       standard deviation of a coordinate of a reading, m
@@ -83,7 +82,7 @@ class InstrumentMotion:
 
     @property
     def found(self) -> bool:
-        """Whether the readings say more than their noise."""
+        """Whether the readings show a significant motion."""
         return bool(self.twists.any())
 
     def at(self, times: Array) -> Array:
@@ -103,8 +102,8 @@ class InstrumentMotion:
         return back, None if rotations is None else np.swapaxes(R, 1, 2) @ rotations
 
     def deviation(self, points: Array) -> float:
-        """Largest standard deviation over the knots of what is taken back at points (P, 3), rms
-        over them, m.
+        """Largest standard deviation of the correction over the knots at points (P, 3), rms over
+        them, m.
         """
         J = _columns(points - self.centre)
         variances = np.einsum("pai,kij,paj->kp", J, self.covariance, J)
@@ -114,10 +113,10 @@ class InstrumentMotion:
 def instrument_motion(references: ReferencePoints, noise: float) -> InstrumentMotion:
     """Motion from readings of fixed points, ordered by time.
 
-    The readings are y_i = R (p_i − c) + c + v + noise. v and w are Brownian motions; their sizes
-    come from the likelihood after p_i and, with the stated noise (m) for a prior, the noise were
-    integrated out. Translation and rotation are there only where the likelihood asks for them, by
-    chance in 1 of 1,000.
+    The readings are y_i = R (p_i − c) + c + v + noise. v and w are Brownian motions. Their sizes
+    maximise the likelihood from which p_i and, with the stated noise (m) as its prior, the noise
+    are integrated out. Translation and rotation are used only where the likelihood requires them,
+    by chance in 1 of 1,000 cases.
     """
     times, points = _knots(references)
     reading = _Readings.of(times, points, noise)
@@ -142,8 +141,8 @@ def instrument_motion(references: ReferencePoints, noise: float) -> InstrumentMo
 
 
 def _knots(references: ReferencePoints) -> tuple[Array, Array]:
-    """Times (K,) and points (K, k, 3): readings at one time are one, and neighbours are averaged
-    where they are too many.
+    """Times (K,) and points (K, k, 3): readings at the same time are averaged, and neighbours where
+    there are too many.
     """
     instants, group = np.unique(references.times, return_inverse=True)
     group = group * min(len(instants), _MOST_KNOTS) // len(instants)

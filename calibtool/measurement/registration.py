@@ -72,10 +72,11 @@ def register(
 
 
 def _near_the_tool(measurements: Measurements, setup: Setup, poses: Array) -> Setup:
-    """The set-up, its targets drawn towards the tool frame where the rows hardly tell where they
-    are: a tool that keeps its orientation shows them and the base only together.
+    """The set-up with its targets drawn towards the tool frame where the rows hardly determine
+    them.
 
-    A target's deviation is that of the residuals, which are the arm's errors more than noise.
+    A tool that keeps its orientation shows targets and base only together. A target's deviation is
+    computed from the residuals, which are errors of the arm more than noise.
     """
     if setup.targets_known or setup.kind.id not in ("points", "pose"):
         return setup
@@ -217,8 +218,8 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
 
 
 def _placed(poses: Array, targets: Array, points: Array, place: np.ndarray, count: int) -> Array:
-    """T_instrument_base of each of `count` places in which targets on the tool are best seen:
-    (count, 4, 4).
+    """T_instrument_base of the `count` places from which targets on the tool are seen best: (count,
+    4, 4).
     """
     predicted = transform_points(poses, targets)
     seen = ~np.isnan(points[..., 0])

@@ -1,13 +1,14 @@
-"""Set-up of a measurement: the instrument's place and what it looks at on the tool."""
+"""Set-up of a measurement: the pose of the instrument and its targets on the tool."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
 from calibtool.errors import InputError
 from calibtool.measurement.kinds import KINDS, Kind
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, readonly
 
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
@@ -61,6 +62,13 @@ class Setup:
     corners: Array | None = None
     image_scale: Array | None = None
     places: tuple[str, ...] = ()
+
+    @classmethod
+    def unknown(cls, targets: Array, **arrays: Array) -> Self:
+        """A set-up to be registered: targets (m, 3) and arrays of the kind, K_0 as the frame."""
+        setup = cls(readonly(np.eye(4)), readonly(targets), frame_known=False, targets_known=False)
+        of_kind: dict[str, Any] = {name: readonly(array) for name, array in arrays.items()}
+        return replace(setup, **of_kind)
 
     @property
     def frames(self) -> Array:

@@ -131,7 +131,8 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def _sampled(
     robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
 ) -> Array:
-    """Configurations of the workspace; with closed loops those at which the actual robot can stand.
+    """Configurations of the workspace; with closed loops those at which the loops of the actual
+    robot close.
 
     Raises NoSolutionError when too few are found.
     """

@@ -14,9 +14,9 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.instrument_rows import InstrumentRows, Rows
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 JOINT_MARGIN = 0.05  # of the range of a joint, kept free at either end
@@ -44,13 +44,13 @@ class Constraints:
 
     joint_margin          part of each joint's range that stays free at both ends
     singularity_distance  smallest `Robot.singularity_distance`
-    floor                 lowest z of everything that moves, m in K_0; None: no floor
+    floor                 lowest z of all moving parts, m in K_0; None: no floor
     keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they also
                           block the line of sight
     sight                 line of sight from every target to the instrument; None: not required
 
     The moving parts are straight links between joint origins, from the flange to the tool and to
-    every target. They have no thickness; widen the boxes accordingly. Motions between
+    every target. They have no thickness; enlarge the boxes accordingly. Motions between
     configurations are not checked.
     """
 
@@ -61,7 +61,7 @@ class Constraints:
     sight: Sight | None = None
 
     def checks(self, robot: Robot, targets: Array, q: Array) -> Iterator[tuple[str, Any]]:
-        """The option of every constraint that is set, with (N,) bool: q (N, n) keeps it."""
+        """The option of every constraint, with (N,) bool: whether q (N, n) satisfies it."""
         margin = self.joint_margin * (robot.upper - robot.lower)
         inside = (q >= robot.lower + margin - 1e-9) & (q <= robot.upper - margin + 1e-9)
         yield "--joint-margin", inside.all(axis=-1)
@@ -78,7 +78,7 @@ class Constraints:
             yield "--instrument", self._seen(robot, targets, q)
 
     def kept(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
-        """Whether q (N, n) keeps all of them: (N,) bool."""
+        """Whether q (N, n) satisfies all of them: (N,) bool."""
         kept: np.ndarray = np.logical_and.reduce(
             [kept for _, kept in self.checks(robot, targets, q)]
         )
@@ -103,10 +103,10 @@ class Constraints:
 class Candidates:
     """Configurations to choose from.
 
-    rows       those that keep the constraints, with the places of an instrument
-    workspace  (M, n) the first ones drawn, whether they keep them or not: where the robot will work
-    drawn      how many were drawn in all
-    rejected   how many of them each constraint turned down, by its option
+    rows       those that satisfy the constraints, with the places of an instrument
+    workspace  (M, n) the first ones drawn, whether they satisfy them or not, for predictions
+    drawn      number of all that were drawn
+    rejected   number of those that each constraint rejected, by its option
     """
 
     rows: Rows
@@ -130,11 +130,11 @@ def draw_candidates(
     rng: np.random.Generator,
     instrument: InstrumentRows | None = None,
 ) -> Candidates:
-    """`count` configurations of a workspace that keep the constraints, fewer where they
-    are hard to find; with an instrument, those in which it sees the tool.
+    """`count` configurations of a workspace that satisfy the constraints, fewer where they are hard
+    to find.
 
-    targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found,
-    naming the constraint that turns down most.
+    With an instrument, it must see the tool there. targets (m, 3) in the tool frame, m. Raises
+    NoSolutionError with the constraint that rejects most when not even `needed` are found.
     """
     workspace = robot.workspace(workspace)
     accepted: list[Rows] = []
@@ -177,7 +177,7 @@ def draw_candidates(
 
 def wrapped(robot: Robot, q: Array, margin: float, home: Array) -> Array:
     """The same configurations (N, n) with joints of several turns as near to home (n,) as their
-    limits, less a margin (part of the range), allow.
+    limits, reduced by a margin (part of the range), allow.
     """
     span = robot.upper - robot.lower
     several = (span > 2 * np.pi) & ~np.array(robot.prismatic) & (robot.chain.tree is None)
@@ -237,10 +237,10 @@ def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
 
 
 def inside(robot: Robot, workspace: Workspace, q: Array) -> np.ndarray:
-    """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box,
-    cone and roll. (N,) bool
+    """Whether q (N, n) is in a workspace as `sample_configurations` draws from it, (N,) bool:
+    limits, box, cone and roll.
 
-    For n < 6 the cone is not asked for: the drawn pose is only approached.
+    For n < 6 the cone is not checked, because the drawn pose is only approximated.
     """
     result: np.ndarray = robot.within_limits(q)
     if not workspace.bounded:

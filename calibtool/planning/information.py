@@ -28,8 +28,8 @@ class Knowledge:
 
     parameters    errors of the complete model: geometry, joint offsets, gravity and up to
                   `HARMONICS` harmonics
-    state         where the columns are taken: the nominal robot, or a calibrated one
-    prior_std     (p,) tolerances, SI; they make every parameter a number without unit
+    state         where the columns are computed: the nominal robot, or a calibrated one
+    prior_std     (p,) tolerances, SI, by which parameters are divided
     covariance    (p, p) of the parameters over their tolerances: I without any measurement
     noise_position, noise_orientation   of the instrument per coordinate, m and rad
     """
@@ -51,8 +51,10 @@ class Knowledge:
         setup: Setup | None = None,
         noise_orientation: float = ORIENTATION_NOISE,
     ) -> Self:
-        """Nothing but the robot's tolerances; unregistered: instrument frame and targets are
-        unknown as well. setup: of an instrument, instead of points of known targets.
+        """Only the robot's tolerances are known. unregistered: instrument frame and targets are
+        unknown as well.
+
+        setup: of an instrument, instead of points of known targets.
         """
         setup = setup or Setup(
             readonly(np.eye(4)),
@@ -85,10 +87,10 @@ class Knowledge:
         noise_position: float,
         noise_orientation: float,
     ) -> Self:
-        """The posterior of a complete model, its harmonics beyond `HARMONICS` taken as they are.
+        """The posterior of a complete model; harmonics beyond `HARMONICS` and functions of pairs
+        of joints are taken as exact.
 
-        The noise is that of the measurements to come. Raises InputError for a model
-        without a posterior.
+        The noise is that of future measurements. Raises InputError for a model without a posterior.
         """
         posterior = identified.posterior
         if posterior is None:
@@ -99,7 +101,7 @@ class Knowledge:
         orders = posterior.parameters.orders
         orders |= {"harmonics": min(orders.get("harmonics", 0), HARMONICS)}
         # A plan does not choose directions, loads and temperatures.
-        left_out = ("backlash", "payload", "temperature")
+        left_out = ("backlash", "payload", "temperature", "pairs")
         parameters = Parameters.of(robot, identified.setup, **orders).without(*left_out)
         known = np.isin(parameters.names, posterior.parameters.names)
         parameters = parameters.only(known)  # not every joint has what its family offers
@@ -152,9 +154,9 @@ class Knowledge:
     def target_rows(self, q: Array) -> Array:
         """∂(target points)/∂θ at q (M, n), m, columns times the tolerances: (M, 3 m, p).
 
-        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the
-        tool frame itself. For instruments that see no points, what a fit of base and tool frame to
-        all of these points takes up is left out.
+        In the instrument's frame where that is unknown, because the tool frame itself cannot be
+        predicted then. For instruments that see no points, the part that a fit of base and tool
+        frame to all of these points explains is subtracted.
         """
         if self.state.setup.kind.id in ("points", "pose"):
             seen, poses, targets = self._columns(q)
@@ -172,8 +174,8 @@ class Knowledge:
         columns = np.zeros((*seen.shape[:2], self.parameters.count))
         columns[..., : poses.shape[-1]] = seen @ poses
         flat, frames = columns.reshape(-1, columns.shape[-1]), free.reshape(-1, free.shape[-1])
-        left = flat - frames @ np.linalg.lstsq(frames, flat, rcond=1e-10)[0]
-        result: Array = left.reshape(columns.shape) * self.prior_std
+        unexplained = flat - frames @ np.linalg.lstsq(frames, flat, rcond=1e-10)[0]
+        result: Array = unexplained.reshape(columns.shape) * self.prior_std
         return result
 
     def target_deviation(self, q: Array) -> Array:

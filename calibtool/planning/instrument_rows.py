@@ -1,7 +1,8 @@
-"""Where an instrument sees the tool: configurations like those of a few rows that it has seen.
+"""Configurations in which an instrument sees the tool, similar to a few rows in which it has seen
+it.
 
-What a plane, a gauge or a camera's field of view allows is known from rows: tips are moved between
-the places that were touched, boards between the places in which the camera saw them. Without any
+The limits of a plane, a gauge or a camera's field of view are known from rows: tips are moved
+between the touched points, boards between the places in which the camera saw them. Without any
 measurement the rows are those of a simulated instrument, whose set-up is the plan's proposal.
 """
 
@@ -30,8 +31,8 @@ _FREE = ("distance", "second-arm")  # kinds that see the tool wherever it is
 
 
 class Rows(NamedTuple):
-    """Joint positions (N, n), rad or m; the labelled place of each row (N,), or None; and where it
-    touches, (N, c), m, or None: a point of the gauge, or the height above a plane.
+    """Joint positions (N, n), rad or m; the labelled place of each row (N,), or None; and the
+    touched points (N, c), m, or None: points of the gauge, or heights above the plane.
     """
 
     q: Array
@@ -102,9 +103,10 @@ class InstrumentRows:
         )
 
     def draw(self, count: int, rng: np.random.Generator) -> Rows:
-        """About `count` rows in which the nominal robot is seen, fewer where that is hard.
+        """About `count` rows in which the nominal robot is seen, fewer where these are hard to
+        find.
 
-        Raises NoSolutionError where hardly any is.
+        Raises NoSolutionError where hardly any is found.
         """
         kind = self.setup.kind
         if kind.id in _FREE or (kind.id == "points" and not self._touches):
@@ -137,7 +139,7 @@ class InstrumentRows:
 
     @property
     def _touches(self) -> bool:
-        """Whether the points are places of a gauge that come again and again."""
+        """Whether the points are sockets of a gauge, which repeat."""
         points = self.readings.points
         if self.setup.kind.id != "points":
             return False
@@ -145,7 +147,7 @@ class InstrumentRows:
         return bool(2 * distinct <= len(points))
 
     def _touched(self, i: np.ndarray) -> Array | None:
-        """Where rows i touch: points of the gauge (k, 3), or heights (k, 1) to 0.1 mm."""
+        """The touched points of rows i: points of the gauge (k, 3), or heights (k, 1) to 0.1 mm."""
         if self._touches:
             points: Array = self.readings.points[i, 0]
             return points
@@ -237,7 +239,7 @@ def _turns(count: int, rng: np.random.Generator) -> Array:
 
 
 def placed(setup: Setup) -> list[str]:
-    """Where a proposed instrument stands, in words, one line for each thing; lengths in mm."""
+    """Positions of a proposed instrument, in words, one line for each object; lengths in mm."""
 
     def at(point: Array) -> str:
         return ", ".join(f"{v:.0f}" for v in np.asarray(point) * 1e3)

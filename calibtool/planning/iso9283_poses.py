@@ -84,12 +84,12 @@ def plan_test(
     targets: Array,
     edge: float | None = None,
 ) -> TestCube:
-    """The cube of an edge in m, or the largest one, round the home of a workspace (of the default
+    """The cube of an edge in m, or the largest one, around the home of a workspace (of the default
     one for the joint range).
 
-    The largest has at most the shortest edge of the workspace's box, and poses that keep the
-    constraints; targets (m, 3) in the tool frame, m. Raises NoSolutionError naming a pose that
-    cannot be taken.
+    The largest has at most the shortest edge of the workspace's box, and poses that satisfy the
+    constraints; targets (m, 3) in the tool frame, m. Raises NoSolutionError with a pose that cannot
+    be reached.
     """
     workspace = robot.workspace(workspace)
     home = (workspace if workspace.bounded else robot.workspace()).home

@@ -87,7 +87,7 @@ class Plan:
 
     @property
     def labels(self) -> dict[str, list[str]]:
-        """What stands beside the joints of a row, by column: its place, where it touches."""
+        """Columns besides the joints of a row: its place, and the touched point."""
         place, setup, touches = self.rows.place, self.knowledge.state.setup, self.rows.touches
         found: dict[str, list[str]] = {}
         if touches is not None and (touches.shape[1] > 1 or touches.any()):
@@ -102,7 +102,7 @@ class Plan:
 
     @property
     def beside(self) -> list[tuple[str, ...]]:
-        """What stands beside the joints of every row: cells of `labels`."""
+        """The columns besides the joints of every row: cells of `labels`."""
         columns = self.labels.values()
         return list(zip(*columns, strict=True)) if columns else [()] * len(self.q)
 
@@ -157,10 +157,10 @@ def make_plan(
     """Choose `count` of `candidates` configurations of a workspace that satisfy the constraints.
 
     workspace: None is the default one of the robot, `full` the whole joint range. refine: then
-    improve every chosen configuration in its neighbourhood. instrument: candidates are what it
-    sees, neighbourhoods too. No configuration is chosen twice. Joint positions are rounded as
-    they are written to the table, so that the plan is what will be driven. Raises NoSolutionError
-    when too few candidates are found.
+    improve every chosen configuration in its neighbourhood. instrument: all configurations are
+    those that it sees. No configuration is chosen twice. Joint positions are rounded as they are
+    written to the table, so that the plan is what will be driven. Raises NoSolutionError when too
+    few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)

@@ -9,11 +9,12 @@ _GAIN = 1e-9
 
 
 def short_order(robot: Robot, q: Array, start: Array) -> np.ndarray:
-    """An order of configurations q (N, n) that is short to travel from `start` (n,): nearest
-    neighbour, then 2-opt.
+    """An order of configurations q (N, n) with a short path from `start` (n,): nearest neighbour,
+    then 2-opt.
 
-    The way between two is that of the joint that moves farthest, in rad, or in characteristic
-    lengths if prismatic: joints move together, and the slowest decides. The way ends where it ends.
+    The distance of two configurations is that of the joint that moves farthest, in rad, or in
+    characteristic lengths if prismatic: joints move together, and the slowest decides. The path may
+    end anywhere.
     """
     points = np.concatenate([start[None], q]) / np.where(robot.prismatic, robot.length, 1.0)
     ways = np.abs(points[:, None] - points).max(axis=-1)
@@ -27,13 +28,13 @@ def short_order(robot: Robot, q: Array, start: Array) -> np.ndarray:
 
 
 def travel(robot: Robot, q: Array) -> float:
-    """Sum of the ways between configurations q (N, n) in this order, as in `short_order`."""
+    """Sum of the distances between successive configurations q (N, n), as in `short_order`."""
     points = q / np.where(robot.prismatic, robot.length, 1.0)
     return float(np.abs(np.diff(points, axis=0)).max(axis=-1).sum())
 
 
 def _two_opt(order: list[int], ways: Array) -> list[int]:
-    """Turn pieces of the way round while that shortens it; the first stop stays."""
+    """Reverse parts of the path while that shortens it; the first configuration stays."""
     count = len(order)
     improved = True
     while improved:

@@ -1,3 +1,3 @@
-"""Controller programs as filters: targets are found in the text, corrected, and only their
+"""Correction of controller programs: targets are found in the text, corrected, and only their
 numbers are rewritten.
 """

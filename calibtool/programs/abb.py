@@ -1,4 +1,4 @@
-"""ABB programs (RAPID): modules of a task, what their data hold and their routines do."""
+"""ABB programs (RAPID): the data of a task's modules and the motions of their routines."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -103,8 +103,8 @@ class _Module:
     # --- data ----------------------------------------------------------------------------------
 
     def declare(self, places: dict[str, tuple[int, int]], sources: Sequence[ProgramText]) -> None:
-        """What data hold when the program begins. places: where variables are
-        declared, text and line.
+        """The values of data when the program begins. places: text and line of each variable's
+        declaration.
         """
         values, declared = self.values, self.values.declared
         for statement, scopes in placed(self.code, values.text.number):
@@ -150,7 +150,7 @@ class _Module:
     # --- routines ------------------------------------------------------------------------------
 
     def routines(self) -> Iterator[Routine]:
-        """The routines of the text; what stands outside of them is one of its own."""
+        """The routines of the text; statements outside of routines form one of their own."""
         number = self.values.text.number
         outside: list[Step] = []
         steps, name = outside, ""
@@ -279,7 +279,7 @@ class _Module:
                 yield from motion(values, name, given, line)
 
     def _late(self, statement: Statement) -> Iterator[Step]:
-        """A call whose routine is an expression: it may change all that is given to it."""
+        """A call whose routine is an expression. It may change all of its arguments."""
         end = self.code.find("%", statement.start, statement.end)
         if end >= 0:
             self.changes.called_late(self.values.text.text[statement.start : end], False)
@@ -288,15 +288,15 @@ class _Module:
             yield from self.changes.arguments(self.values, "%…%", given, line)
 
     def _changed(self, name: str, given: Sequence[Argument], line: int) -> Iterator[Step]:
-        """What an instruction of the controller may change: arguments of all that are not
-        known to read them.
+        """The arguments that an instruction of the controller may change: all but those it is known
+        to read.
         """
         values = self.values
         if not is_motion(values, name, given):
             yield from self.changes.arguments(values, name, given, line)
 
     def _call(self, procedure: Procedure, given: Sequence[Argument], line: int) -> Call:
-        """A routine of the program, with what its parameters hold."""
+        """A call of a routine of the program, with the values of its parameters."""
         passed: list[tuple[str, Value]] = []
         for data, argument in procedure.matched(given):
             if data.type not in TYPES:

@@ -23,7 +23,9 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions in the order of the literals, and reasons for the others."""
+    """Positions that are corrected, in the order of the literals, and the reasons for the
+    others.
+    """
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)
@@ -51,8 +53,9 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
 
 
 def half_circles(circles: Sequence[Circle], corrected: Iterable[int]) -> dict[int, str]:
-    """Corrected literals that are to be left, because the other point of their circle is: a circle
-    through one of them alone has another radius.
+    """Literals that must not be corrected because the other point of their circle is not.
+
+    Correcting only one of the two points would change the radius.
     """
     rest, left = set(corrected), dict[int, str]()
     while True:
@@ -92,7 +95,7 @@ def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
 
 
 def same_values(one: Frame, other: Frame) -> bool:
-    """Whether two frames are one, but for rounding."""
+    """Whether two frames are equal up to rounding."""
     pairs = zip(one.values or (), other.values or (), strict=True)
     return one.values == other.values or all(abs(a - b) < _ROUNDING for a, b in pairs)
 

@@ -41,9 +41,7 @@ def closing(code: str, start: int) -> int | None:
 
 @lru_cache(maxsize=2)
 def _pairs(code: str) -> tuple["array[int]", "array[int]"]:
-    """Opening brackets in order and those that close them, of the whole text at once: the time is
-    linear whatever is not closed.
-    """
+    """Opening brackets in order, each with the closing one, of the whole text in linear time."""
     opened, closed = array("q"), array("q")
     waiting: list[int] = []  # their places in `opened`
     for match in _BRACKET.finditer(code):
@@ -72,8 +70,8 @@ def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
 
 
 def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
-    """The element in code[start:end], blanks around it dropped; what is nested deeper than
-    `depth` is a word.
+    """The element in code[start:end] without blanks around it. Lists nested deeper than `depth`
+    count as a word.
     """
     inner = code[start:end]
     start += len(inner) - len(inner.lstrip())

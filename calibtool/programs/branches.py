@@ -55,15 +55,18 @@ class Controller:
 
     @cached_property
     def start_branches(self) -> np.ndarray:
-        """The branches of the robot's starts, (k, 3) bool."""
+        """The branches of the robot's precomputed starts: (k, 3) bool."""
         q = starts_of(self.robot).q
         return postures(self.robot, q, self.to_controller(q))
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Joint positions q (N, n), and why a row has none, "" where it has; obeyed (N,): on the
-    configuration's branch.
+    """Joint positions for N poses.
+
+    q       (N, n) rad or m
+    why     why a row has no solution, "" where it has one
+    obeyed  (N,) whether a row is on the branch of its configuration data
     """
 
     q: Array
@@ -72,7 +75,7 @@ class Answers:
 
     @property
     def found(self) -> np.ndarray:
-        """Which rows have an answer, (N,)."""
+        """Which rows have a solution: (N,)."""
         return np.array([not why for why in self.why], dtype=bool)
 
 
@@ -83,13 +86,14 @@ def solve(
     configurations: Sequence[Configuration | None],
     strict: np.ndarray,
 ) -> Answers:
-    """Joint positions of the nominal robot within its limits for poses (N, 4, 4),
-    each row by itself.
+    """Joint positions of the nominal robot within its limits for poses (N, 4, 4), each row by
+    itself.
 
-    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches
-    one, otherwise the nearest that is found; external axes are there. configurations: the branch
-    and turns that are asked for; then the answer from `near` if it is one of those, otherwise the
-    nearest that is. strict (N,): a row without such an answer has none.
+    near (N, n): start of the iteration, which also gives the positions of external axes. Of several
+    solutions the one that Newton's method reaches from there is taken, otherwise the nearest one.
+    configurations: the branch and turns that are required; the solution from `near` is taken if it
+    has them, otherwise the nearest one that has. strict (N,): a row without such a solution has
+    none.
     """
     parts = [slice(first, first + _ROWS) for first in range(0, len(near), _ROWS)]
     found = [
@@ -145,24 +149,10 @@ def _solve(
     return Answers(q, why, obeyed)
 
 
-def solve_pose(
-    controller: Controller,
-    T_base_tool: Array,
-    configuration: Configuration | None,
-    q_near: Array | None,
-) -> Array | str:
-    """`solve` for one pose (4, 4): joint positions (n,), or why there are none."""
-    near = controller.home if q_near is None else q_near
-    strict = np.ones(1, dtype=bool)
-    answers = solve(controller, T_base_tool[None], near[None], [configuration], strict)
-    row: Array = answers.q[0]
-    return answers.why[0] or row
-
-
 @dataclass(eq=False)
 class _Search:
-    """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the
-    branches that are asked for.
+    """Solutions for poses (N, 4, 4) from several starts, nearest to `near` (N, n) and on the
+    required branches.
     """
 
     controller: Controller
@@ -196,7 +186,9 @@ class _Search:
         )
 
     def near_starts(self, rows: np.ndarray) -> Array:
-        """Starts near the poses of rows, on branches that are asked for: (rows, _NEAR, n)."""
+        """Starts whose poses are near those of the rows, on the required branches: (rows, _NEAR,
+        n).
+        """
         robot = self.controller.robot
         every = starts_of(robot)
         seeds = np.empty((len(rows), _NEAR, robot.n))
@@ -221,14 +213,14 @@ class _Search:
         return seeds
 
     def random(self, rows: np.ndarray) -> Array:
-        """Starts from everywhere, the same for each row: (rows, _RANDOM, n)."""
+        """Random starts, the same ones for each row: (rows, _RANDOM, n)."""
         robot = self.controller.robot
         seeds = drawn(robot, _RANDOM, np.random.default_rng(0))
         return np.broadcast_to(seeds, (len(rows), *seeds.shape))
 
     def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
-        """Which rows have an answer from their seeds (rows, k, n) that is asked for, and
-        the nearest one.
+        """Which rows have a solution on the required branch from their starts (rows, k, n), and the
+        nearest one.
         """
         robot, (count, tries) = self.controller.robot, seeds.shape[:2]
         held = list(robot.external.values())
@@ -249,8 +241,8 @@ class _Search:
         return found, best
 
     def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
-        """Which joint positions q (rows, n) are on the branch that their row asks for, and the
-        turn that is meant.
+        """Which joint positions q (rows, n) are on the required branch, and the same in the
+        required turn.
         """
         robot = self.controller.robot
         turned = _near_turn(robot, q, self.near[rows])
@@ -276,7 +268,7 @@ class _Search:
 def _few(
     rows: np.ndarray, seeds: Callable[[np.ndarray], Array]
 ) -> Iterator[tuple[np.ndarray, Array]]:
-    """Rows with their starts, so many at once that they fit into memory."""
+    """Rows with their starts, in groups that fit into memory."""
     for first in range(0, len(rows), _TOGETHER):
         yield rows[first : first + _TOGETHER], seeds(rows[first : first + _TOGETHER])
 
@@ -286,7 +278,7 @@ def _text(configuration: Configuration | None) -> str:
 
 
 def _repeated(q: Array) -> np.ndarray:
-    """Which of the answers (N, k, n) are there already among those before them, (N, k)."""
+    """Which of the solutions (N, k, n) are equal to an earlier one of the same row: (N, k)."""
     result = np.zeros(q.shape[:2], dtype=bool)
     for j in range(1, q.shape[1]):
         result[:, j] = (np.abs(q[:, :j] - q[:, j : j + 1]).max(axis=-1) < _SAME).any(axis=1)
@@ -294,7 +286,7 @@ def _repeated(q: Array) -> np.ndarray:
 
 
 def _near_turn(robot: Robot, q: Array, near: Array) -> Array:
-    """The same poses with every angle within half a turn of `near`, where the limits allow it."""
+    """The same poses with every angle within half a turn of `near` where the limits allow it."""
     turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
     allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
     return np.where(allowed, turned, q)

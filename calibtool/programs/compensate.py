@@ -1,4 +1,4 @@
-"""A controller program in, the corrected program and a summary out."""
+"""Correction of a controller program: the corrected program and a summary."""
 
 import gc
 from collections.abc import Iterable, Iterator
@@ -25,22 +25,25 @@ def compensate_program(
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
-    pose target, solved on the branch that the controller takes there, gets the pose that the
-    controller's robot takes at the corrected joints, in its own frame and with its own tool.
-    program_format: one of docs/programs; name is used in messages; options: exact, stop at the
-    first
-    failure, unless given.
+    A joint target gets the joints with which the calibrated robot reaches the pose that the nominal
+    one would reach. A pose target is solved on the branch that the controller takes there. It gets
+    the pose that the controller's model has at the corrected joints, in the target's own frame and
+    tool.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
-    line; with on_error `skip` such targets stay as they are and are listed.
+    program_format: one of docs/programs; name: for messages; options: by default the exact method,
+    which stops at the first target without a solution.
+
+    Raises InputError for bad data and NoSolutionError for targets without a solution, both with the
+    line. With on_error `skip` such targets are not changed, and they are listed.
     """
     return compensate_texts(calibration, [(name, data, True)], program_format, options)
 
 
 @contextmanager
 def _without_collector() -> Iterator[None]:
-    """Nothing here makes circles of references; looking for them costs a quarter of the time."""
+    """Switch off the garbage collector: there are no reference cycles here, and it costs a quarter
+    of the time.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -57,7 +60,7 @@ def compensate_texts(
     program_format: str,
     options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
-    """The same for several texts: name, bytes and whether it is corrected."""
+    """The same for several texts: name, bytes and whether the text is corrected."""
     options = options or ProgramOptions()
     sources = [_source(*text) for text in texts]
     robot = calibration.robot

@@ -1,7 +1,6 @@
-"""Configuration data of controllers: which branch of the inverse kinematics a pose means,
-and in which turn.
+"""Configuration data of controllers: the branch of the inverse kinematics and the turns of a pose.
 
-Posture and joint values are looked at as the controller does, at the nominal robot:
+Posture and joint values are those of the nominal robot, as the controller defines them:
 
 - front    the wrist centre is on the side of axis 1 to which the base's x axis has turned
 - bent     joint 3 is up to half a turn beyond the stretched arm, in its positive direction
@@ -30,7 +29,7 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """An integer of the configuration data and where it stands in the text."""
+    """An integer of the configuration data and its place in the text."""
 
     start: int
     end: int
@@ -38,9 +37,9 @@ class Digit:
 
 
 class Configuration(Protocol):
-    """What a controller's configuration data ask of joint positions.
+    """The branch and turns that configuration data require of joint positions.
 
-    q (n,) are the controller's joint values in rad; zero is the posture with all of them zero.
+    q (n,) are the controller's joint values in rad. `zero` is the posture with all of them zero.
     """
 
     @property
@@ -54,19 +53,19 @@ class Configuration(Protocol):
         """Whether the joints are in the turns that are meant."""
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        """Integers that have to change, and to what, where the correction took a joint
+        """Integers that have to change, with their new values, where the correction took a joint
         into another turn.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class Fanuc:
-    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns
-    of three joints.
+    """`N U T, 0, 0, 0`: wrist no-flip or flip, elbow up or down, top (front) or bottom (back), and
+    the turns of three joints.
 
-    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in
-    front of axis 1. Turn k of a joint: from 360 k − 180 to 360 k + 180 deg. What is not written is
-    0. axes: the joints, from 0, see $TURN_AXIS.
+    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: the wrist is
+    in front of axis 1. Turn k of a joint is the range from 360 k − 180 to 360 k + 180 deg; a
+    missing number is 0. axes: the joints that the turns count, from 0, see $TURN_AXIS.
     """
 
     flip: str
@@ -103,10 +102,10 @@ class Fanuc:
 
 @dataclass(frozen=True, slots=True)
 class Kuka:
-    """`S` and `T` of a POS or E6POS. S: bit 0 overhead area, bit 1 axis 3 beyond the stretched
-    arm, bit 2 A5 < 0.
+    """`S` and `T` of a POS or E6POS. Either may be missing.
 
-    T: bit k − 1 is set where axis k is negative. Either may be missing.
+    S: bit 0 overhead area, bit 1 axis 3 beyond the stretched arm, bit 2 A5 < 0. T: bit k − 1 is set
+    where axis k is negative.
     """
 
     status: int | None
@@ -142,7 +141,7 @@ class Abb:
     """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower
     arm, 1 axis 5 negative.
 
-    Robots whose quadrants decide leave cfx at 0; it is looked at only where it is not zero.
+    Robots for which the quadrants decide keep cfx at 0; it is compared only where it is not zero.
     """
 
     quadrants: tuple[Digit, Digit, Digit]
@@ -174,11 +173,11 @@ def _in_quadrant(angle: float, quadrant: int) -> bool:
 
 
 def postures(robot: Robot, q: Array, q_controller: Array) -> np.ndarray:
-    """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front,
-    bent and flexed.
+    """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front, bent and
+    flexed.
 
-    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5 of the
-    arm; an arm on a track or a turntable has its base's x axis turned with that.
+    q_controller (N, n): the controller's joint values. The wrist centre is the origin of joint 5 of
+    the arm. Where the arm stands on a track or a turntable, its base's x axis turns with that.
     """
     frames, here = [], np.broadcast_to(np.eye(4), (len(q), 4, 4))
     carried = here

@@ -30,7 +30,9 @@ class Block:
 
 @dataclass(eq=False)
 class _Open:
-    """A selection or loop that has not ended: its beginning, and blocks behind it."""
+    """A selection or loop that has not ended yet: its first block, and the blocks that lead out of
+    it.
+    """
 
     head: int
     loop: bool
@@ -40,11 +42,11 @@ class _Open:
 
 
 def blocks(body: Sequence[Statement]) -> list[Block]:
-    """The blocks of a routine: the first one is where it begins, the last one, without
-    actions, where it ends.
+    """The blocks of a routine. The first one is its beginning, the last one, without actions, its
+    end.
 
-    What cannot be reached from the beginning, as an error handler, is taken to follow it directly.
-    Markers without their partner are passed over.
+    A statement that cannot be reached from the beginning, such as an error handler, is assumed to
+    follow the beginning directly. Markers without a partner are ignored.
     """
     builder = _Builder()
     for statement in body:
@@ -96,7 +98,7 @@ class _Builder:
         return self.blocks
 
     def _block(self, *before: int) -> int:
-        """A new block after others, in which the statements go on."""
+        """A new block after others, to which the next statements belong."""
         self.blocks.append(Block())
         self.here = len(self.blocks) - 1
         for number in before:

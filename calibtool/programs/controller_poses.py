@@ -1,4 +1,4 @@
-"""Poses for a controller that computes with a model of its own."""
+"""Poses for a controller that has its own kinematic model."""
 
 from collections.abc import Sequence
 
@@ -18,8 +18,8 @@ def check_controller_known(
 ) -> tuple[str, ...]:
     """Note for a program with poses; UsageError where the model of its controller is not known.
 
-    That is where the description states that the controller may have a model of its own and none is
-    given. The controller of a simulated robot has the nominal model.
+    It is not known where the description states that the controller may have its own model and none
+    is given. The controller of a simulated robot has the nominal model.
     """
     robot = calibration.robot
     known = robot.source.description.controller
@@ -43,11 +43,12 @@ def poses_to_write(
     q: Array,
     q_m: Array,
 ) -> tuple[Array, np.ndarray]:
-    """T_controller(q_m) (N, 4, 4) of corrected joints, and targets (N,) that had better be left.
+    """T_controller(q_m) (N, 4, 4) at the corrected joints, and which targets should not be changed,
+    (N,) bool.
 
-    model: the controller's, the nominal robot unless given. T_base_tool: commanded poses (4, 4),
-    None for a joint target; q (N, n) the nominal robot's joints, q_m (N, n) corrected ones, NaN
-    where there are none.
+    model: the controller's, by default the nominal robot. T_base_tool: commanded poses (4, 4), None
+    for a joint target. q (N, n): joints of the nominal robot; q_m (N, n): corrected ones, NaN where
+    there are none.
     """
     model = model or calibration.robot.mechanism
     left = np.zeros(len(q), dtype=bool)
@@ -62,11 +63,12 @@ def poses_to_write(
 def worse_than_untouched(
     calibration: Calibration, model: Mechanism, T_base_tool: Array, q: Array, q_m: Array
 ) -> np.ndarray:
-    """Rows whose tool would come nearer to the commanded pose if the program stayed as it is. (N,)
+    """Rows whose tool would be nearer to the commanded pose if the program were not changed: (N,)
+    bool.
 
-    T_base_tool (N, 4, 4) commanded, q (N, n) the nominal robot's joints there, q_m (N, n) corrected
-    ones, which a pose T_controller(q_m) makes the controller drive. Left as it is, the commanded
-    pose makes it drive T_controller⁻¹.
+    T_base_tool (N, 4, 4) commanded; q (N, n) the nominal robot's joints there; q_m (N, n) corrected
+    ones, which the controller takes for the pose T_controller(q_m). For the unchanged pose it takes
+    T_controller⁻¹ of it.
     """
     robot = calibration.robot
     untouched = solve_poses(
@@ -81,7 +83,7 @@ def worse_than_untouched(
 
 
 def _pose_error(pose: Array, commanded: Array, length: float) -> Array:
-    """Distance of the tool and its turn times a length, as one figure: (N,) m."""
+    """Distance of the tool plus its rotation times a length, as one number: (N,) m."""
     turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
     both = np.concatenate([pose[:, :3, 3] - commanded[:, :3, 3], turn * length], axis=-1)
     error: Array = np.linalg.norm(both, axis=-1)

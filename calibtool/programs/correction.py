@@ -1,4 +1,4 @@
-"""The correction of one program: its positions as rows, and what became of each literal."""
+"""The correction of one program: its positions as rows, and the result for each literal."""
 
 import re
 from collections import Counter
@@ -41,13 +41,13 @@ class ProgramOptions:
     """How a program is compensated; see the command's help.
 
     method, outside   see `guarded`
-    on_error          `stop` or `skip`: what a target without an answer does
-    joint_values      whose they are; None: what the format says, see `coupling_of`
+    on_error          `stop` or `skip`: what happens at a target without a solution
+    joint_values      which joint values the program states; None: see `coupling_of`
     frames            frames and tools that the program does not define
-    backlash          take it up where the text is in the order of motion
-    controller_model  T_base_tool by which the controller solves poses; None: nobody states, which
-                      is the nominal robot's where the description knows of no other
-    ignore_external   poses beside external axes are those of the arm alone
+    backlash          correct backlash where the text is in the order of motion
+    controller_model  T_base_tool by which the controller solves poses; None: not stated, then the
+                      nominal robot's unless the description says that there may be another one
+    ignore_external   correct poses with external axes as those of the arm alone
     largest_change    rad; this and weights: see `default_bounds`
     """
 
@@ -67,7 +67,7 @@ _Failure = type[CalibtoolError]
 
 
 class Correction:
-    """What is found out about each literal on the way through a program."""
+    """The result for each literal, collected while a program is corrected."""
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Correction:
     # --- what is left ----------------------------------------------------------------------------
 
     def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
-        """A literal is left as it is; failure: unless it may be, that is an error."""
+        """Do not change a literal. failure: this is an error unless `on_error` is `skip`."""
         self.why[number] = why
         literal = self.program.literals[number]
         if why in (SEED, AS_FRAME) or not self.program.sources[literal.source].edited:
@@ -153,9 +153,7 @@ class Correction:
     # --- joints and poses ------------------------------------------------------------------------
 
     def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
-        """Rows to correct, a position and its joints (N, n): one for each branch on which a
-        position is used.
-        """
+        """Rows to correct: a position with joints (N, n) for each branch on which it is used."""
         robot = self.controller.robot
         rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
         q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
@@ -175,7 +173,7 @@ class Correction:
     def _corrected(
         self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
     ) -> Compensation:
-        """The compensation of all rows, joint targets and poses each in batches."""
+        """The compensation of all rows: joint targets in one batch, poses in another."""
         count, options = len(rows), self.options
         bounds = default_bounds(self.calibration, options.largest_change, options.weights)
         result = Compensation(
@@ -205,7 +203,9 @@ class Correction:
         corrected: Compensation,
         circles: Sequence[Circle],
     ) -> NewPositions:
-        """Positions whose rows all have an answer and need the same numbers, both of a circle."""
+        """Positions whose rows all have a solution and get the same numbers; of a circle both
+        points.
+        """
         robot = self.controller.robot
         finite = np.nan_to_num(corrected.q)
         poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
@@ -247,7 +247,7 @@ class Correction:
         )
 
     def _joint_values_note(self, found: Sequence[Position]) -> tuple[str, ...]:
-        """Whose joint values were read and written, where that matters."""
+        """Which joint values were read and written, for robots where they differ."""
         if not any(self.program.literals[one.literal].kind == JOINT for one in found):
             return ()
         taken = coupling_text(self.controller.coupling)
@@ -303,7 +303,7 @@ class Correction:
 
 
 def _others(failures: Sequence[Remark]) -> str:
-    """How many there are, and of which kinds if there are several."""
+    """Their number, and their kinds if there are several."""
     if not failures:
         return ""
     kinds = Counter(re.sub(r"\s*[('\d].*", "", failure.why) for failure in failures)

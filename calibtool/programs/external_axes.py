@@ -14,7 +14,9 @@ Beside = Mapping[int, Number | None]
 
 
 def unit_of(robot: Robot, axis: int) -> str:
-    """The unit in which an external axis is written: that of its joint, "" for one that is none."""
+    """The unit in which an external axis is written: that of its joint, "" for an axis that is no
+    joint.
+    """
     joint = robot.external.get(axis)
     return "" if joint is None else "mm" if robot.prismatic[joint] else "deg"
 
@@ -25,7 +27,9 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of arm and external axes, or what is missing."""
+    """Numbers in the robot's order from those of arm and external axes, or a text that says which
+    are missing.
+    """
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)
@@ -36,8 +40,8 @@ def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number
 
 
 def beside_pose(robot: Robot, beside: Beside) -> tuple[tuple[tuple[int, Number], ...], str]:
-    """Joints and numbers of external axes that are joints of the chain, and why others keep a pose
-    from being corrected.
+    """Joints and numbers of external axes that are joints of the chain; the reason why a pose with
+    other external axes is not corrected.
     """
     found = []
     for axis, joint in robot.external.items():
@@ -51,5 +55,7 @@ def beside_pose(robot: Robot, beside: Beside) -> tuple[tuple[tuple[int, Number],
 
 
 def is_axis(number: Number) -> bool:
-    """Whether a number is not the one of an axis that does not exist."""
+    """Whether a number stands for an existing axis; controllers write a fixed number for the
+    others.
+    """
     return abs(number.value) < 0.99 * UNUSED * TO_SI.get(number.unit, 1.0)

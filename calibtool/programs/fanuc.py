@@ -25,8 +25,10 @@ def matches(text: str) -> bool:
 
 
 def coupling(robot: Robot) -> Array:
-    """Controllers state joint values of the description; without a coupling there, six-joint arms
-    state J3 against the horizontal: q3 = J3 + J2. (n, n)
+    """C (n, n) of q_serial = C · q_controller: that of the description, otherwise q3 = J3 + J2 for
+    six-joint arms.
+
+    Their controllers state J3 against the horizontal.
     """
     matrix = robot.coupling.copy()
     if not robot.coupled and has_postures(robot):

@@ -1,6 +1,6 @@
 """The languages of programs, and detection of the language of a file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -15,18 +15,17 @@ from calibtool.robot.se3 import Array, readonly
 
 
 class Language(Protocol):
-    """What the module of a language offers beside `program`.
+    """What the module of a language offers.
 
-    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs
-    of this language, which then states joint values as the controller shows them unless
-    something else is said.
+    coupling(robot) is optional: C (n, n) of q_serial = C · q_controller for programs of this
+    language. The program then states the controller's joint values unless an option says otherwise.
     """
 
     NAME: str
 
     @property
     def SUFFIXES(self) -> tuple[str, ...]:
-        """Ends of file names, lower case."""
+        """Suffixes of file names, lower case."""
 
     def matches(self, text: str) -> bool:
         """Whether a text, or its first part, is in this language."""
@@ -47,17 +46,12 @@ def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Pro
     return program
 
 
-def reader(name: str) -> Callable[[str, Robot], Program]:
-    """The same for programs of one text."""
-    return lambda text, robot: read_program(name, [ProgramText("program", text)], robot)
-
-
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:
-    """What stands between a program's joint values and the serial chain, (n, n).
+    """C (n, n) of q_serial = C · q_program, which converts a program's joint values.
 
-    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`:
-    the program's values are the chain's. None: `controller` for languages that say something,
-    `serial` for the others.
+    `controller`: C of the language for this robot, otherwise that of the robot's description.
+    `serial`: the identity. None: `controller` for languages that define a coupling, `serial` for
+    the others.
     """
     module = _MODULES[name]
     own = getattr(module, "coupling", None)
@@ -67,9 +61,8 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 
 def detected(text: str, name: str) -> str | None:
-    """Format of a program from its contents, or from the suffix where these are ambiguous.
-
-    None if neither decides.
+    """Format of a program from its contents, or from the suffix where these are ambiguous; None if
+    unknown.
     """
     text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()

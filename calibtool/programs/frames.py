@@ -1,4 +1,4 @@
-"""Poses as programs write them, and the frames and tools that they refer to."""
+"""Poses as programs write them, and the named frames and tools to which they refer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,8 +24,8 @@ from calibtool.units import TO_SI
 
 @dataclass(frozen=True)
 class NamedFrames:
-    """T_base_frame and T_flange_tool by the names that the program uses; `default` is for
-    poses that name none.
+    """T_base_frame and T_flange_tool by the names that a program uses; `default` is for poses
+    without a name.
     """
 
     frames: dict[str, Array] = field(default_factory=dict)
@@ -45,7 +45,7 @@ _PLACES = (("x_mm", "y_mm", "z_mm"), ("x_m", "y_m", "z_m"))
 
 
 class _Pose(RootModel[dict[str, Annotated[float, Field(strict=False, allow_inf_nan=False)]]]):
-    """Numbers of a place and of one orientation convention; those that are left out are 0."""
+    """A position and one orientation convention; missing numbers are 0."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -87,12 +87,12 @@ class _File(BaseModel):
 
 
 def read_frames(text: str, name: str) -> NamedFrames:
-    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm …
-    and an orientation.
+    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm … and an
+    orientation.
 
     Orientations: roll_deg pitch_deg yaw_deg or w_deg p_deg r_deg about the fixed axes x, y, z;
     a_deg b_deg c_deg about z, the new y and the new x; rx_rad ry_rad rz_rad, a rotation vector; qw
-    qx qy qz. What is left out is 0. Raises InputError for anything else in the file.
+    qx qy qz. Missing numbers are 0. Raises InputError for anything else in the file.
     """
     try:
         file = _File.model_validate(parse_toml(text, name))
@@ -122,8 +122,8 @@ def poses(values: Array, orientation: str) -> Array:
 
 
 def poses_values(T: Array, orientation: str, near: Array) -> Array:
-    """Numbers of poses T (N, 4, 4), inverse of `poses`; of several answers that nearest to
-    the numbers `near`.
+    """Numbers of poses T (N, 4, 4), the inverse of `poses`. Of several solutions it takes the one
+    nearest to the numbers `near`.
     """
     near = np.asarray(near, dtype=float)
     if not len(T):

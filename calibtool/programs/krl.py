@@ -40,10 +40,10 @@ _REFERENCE = re.compile(rf"({NAME})\s*+({_INDEX})?\s*+((?:{_PART})*)")
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A statement, with what stands behind its first words in code[start:end].
+    """A statement of KRL; what follows its first words is code[start:end].
 
-    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `other`, `aside` (is
-              declared, or happens beside the motions), or a word of a block in lower case
+    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `other`, `aside` (a
+              declaration, or an action beside the motions), or a keyword of a block in lower case
     name      the motion, routine, data list, type, variable or label, as it is written
     more      of an assignment its index and components; of a declaration the words before its type
     position  where it begins
@@ -59,7 +59,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """A name of a declaration, its index, and the span of its value; start is −1 without one."""
+    """A declared name, its index, and the span of its value; start is −1 without a value."""
 
     name: str
     index: str
@@ -69,7 +69,9 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A frame or position in an expression: an aggregate `{…}`, or a word, perhaps called."""
+    """A frame or position in an expression: an aggregate `{…}`, or a word, which may be a function
+    call.
+    """
 
     start: int
     end: int
@@ -79,7 +81,9 @@ class Factor:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """Statements of a text without comments; another one may follow THEN or ELSE."""
+    """Statements of a text without comments. Another statement may follow THEN or ELSE in the same
+    line.
+    """
     for line in _LINE.finditer(code):
         inner = line[0]
         position = line.start() + len(inner) - len(inner.lstrip())
@@ -134,7 +138,9 @@ def declared(code: str, start: int, end: int) -> Iterator[Declared]:
 
 
 def product(code: str, start: int, end: int) -> tuple[list[Factor], int]:
-    """The factors of `a : b : …` that begin at start, and where they end; none of anything else."""
+    """The factors of `a : b : …` from start on, and the end of the product; no factors for anything
+    else.
+    """
     found: list[Factor] = []
     position = start
     while factor := _FACTOR.match(code, position, end):

@@ -1,4 +1,4 @@
-"""Assignments and declarations of KRL: what they give to variables."""
+"""Assignments and declarations of KRL: the values that variables get."""
 
 import re
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ _RELATIVE = "a relative motion"
 
 
 class Assignments(Values):
-    """What the assignments and declarations of one text give to variables."""
+    """The values that variables get by the assignments and declarations of one text."""
 
     def __init__(self, text: Text, names: Names, declared: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, declared, held)
@@ -44,7 +44,7 @@ class Assignments(Values):
     # --- assignments ---
 
     def assigned(self, statement: Statement, line: int) -> Iterator[Assign]:
-        """What an assignment gives to variables; line: where, 0 in a data list."""
+        """The values that an assignment gives to variables; line: its line, 0 in a data list."""
         name, (index, parts) = statement.name.lower(), statement.more
         index, part = re.sub(r"[\s\[\]]", "", index).lower(), parts.lower().strip(".")
         item = Declared(statement.name, index, statement.start, statement.end)
@@ -87,12 +87,12 @@ class Assignments(Values):
         yield Assign(line, target, value)
 
     def _any(self, table: str, why: str, line: int) -> Iterator[Assign]:
-        """Any frame of a table may be changed."""
+        """Any frame of a table may change."""
         known = [key for key in self.declared if key.startswith(f"{table}[")]
         yield from (Assign(line, key, Either((key, Unknown(why)))) for key in known)
 
     def changed(self, word: str, why: str, line: int) -> Iterator[Assign]:
-        """What a variable or a component of one holds that something else changes."""
+        """The value of a variable, or of its component, after something else has changed it."""
         found = reference(word)
         name = found[0] if found else ""
         if found and name in (*_KINDS, MODE_NOW):
@@ -144,7 +144,7 @@ class Assignments(Values):
                 yield Assign(line, twin, Edited(twin, numbers, TURNED_ANGLES, line, why))
 
     def given(self, item: Declared, type_: str, line: int) -> Iterator[Assign]:
-        """What a variable holds that is given the value in code[item.start:item.end]."""
+        """The value of a variable to which code[item.start:item.end] is assigned."""
         index = re.sub(r"[\s\[\]]", "", item.index).lower()
         key = self.names.key(item.name.lower(), self.scopes)
         if item.name.lower() in _KINDS:
@@ -225,7 +225,7 @@ class Assignments(Values):
         yield Assign(line, key, self.text.position(start, end, shown, not_corrected, frames))
 
     def _alone(self, name: str, line: int) -> tuple[Value, Value] | None:
-        """Base and tool of a taught point: those of its frame data, `FP1` of `XP1`."""
+        """Base and tool of a taught point: those of its frame data, `FP1` for `XP1`."""
         key = self.names.key(f"f{name[1:]}", self.scopes)
         if name.startswith("x") and f"{key}.base" in self.names.valued:
             return self.on(f"{key}.base", f"{key}.mode"), f"{key}.tool"

@@ -1,4 +1,4 @@
-"""Interrupts, triggers and cyclic reading of KRL: what they assign is uncertain."""
+"""Interrupts, triggers and cyclic reading of KRL, which assign variables at unknown times."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,13 +10,13 @@ from calibtool.robot.orientation import TURNED_ANGLES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Started:
-    """What an instruction lets happen at any time from there on.
+    """An instruction after which something may happen at any time.
 
-    routine, place  where it stands: before this step of the routine
-    line, word      its line, and what it is: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT
+    routine, place  its routine, and the step before which it stands
+    line, word      its line, and its kind: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT
                     DECL`, which only declares
     number          of the interrupt; "" for all
-    steps           what happens; of `INTERRUPT ON` what is declared for the number
+    steps           what happens; for `INTERRUPT ON` what is declared for the number
     """
 
     routine: str
@@ -28,9 +28,9 @@ class Started:
 
 
 def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Routine]:
-    """The routines, where variables that others may change beside them are not known from there on.
+    """The routines, with variables unknown from the point on where something else may change them.
 
-    An assignment makes such a variable known only where it is executed before what is started.
+    An assignment makes such a variable known only if it is executed before that point.
     """
     bodies = {routine.name: routine.body for routine in routines}
     declared = [start for start in starts if start.word == "INTERRUPT DECL"]
@@ -67,9 +67,7 @@ def _same(declared: str, number: str) -> bool:
 def _assigned(
     steps: Iterable[Step], bodies: Mapping[str, tuple[Step, ...]], inside: set[str]
 ) -> Iterator[str]:
-    """Names of variables that steps assign, and the routines that they call; those are
-    added to `inside`.
-    """
+    """Names of variables that steps assign. Routines that the steps call are added to `inside`."""
     for step in steps:
         if isinstance(step, Assign):
             yield step.name
@@ -79,8 +77,8 @@ def _assigned(
 
 
 def _body(routine: Routine, start: Started, changes: Mapping[str, Assign]) -> Iterator[Step]:
-    """The steps of a routine; a variable is uncertain from the start on, and behind
-    each assignment.
+    """The steps of a routine; a variable is unknown from the start on, and after each
+    assignment.
     """
     here = routine.name == start.routine
     straight = not any(isinstance(step, Jump) for step in routine.body)

@@ -1,4 +1,4 @@
-"""KRL's aggregates: positions and frames as they are written."""
+"""Aggregates of KRL: positions and frames as they are written."""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -42,10 +42,11 @@ Spans = dict[str, tuple[int, int]]
 
 @dataclass(eq=False)
 class Text:
-    """A text, its code, where comments and strings are blank, and the positions found so far.
+    """A text, its code with comments and strings replaced by blanks, and the positions found so
+    far.
 
-    module  what its names belong to where they are not global
-    taken   where aggregates begin that are read
+    module  the module of its names that are not global
+    taken   where aggregates begin that have been read
     """
 
     number: int
@@ -73,7 +74,7 @@ class Text:
 
     @cached_property
     def scoped(self) -> list[tuple[Statement, tuple[str, ...]]]:
-        """The statements, each with the routine, if it stands in one, and the module."""
+        """The statements, each with its module and with its routine, if it is in one."""
         found: list[tuple[Statement, tuple[str, ...]]] = []
         scopes: tuple[str, ...] = (self.module,)
         for statement in self.statements:
@@ -85,7 +86,7 @@ class Text:
         return found
 
     def items(self, start: int, end: int) -> Spans:
-        """Component → span of its value in an aggregate; a type in front (`E6POS:`) is skipped."""
+        """Component → span of its value in an aggregate; a type before it (`E6POS:`) is skipped."""
         first, last = start + 1, end - 1
         prefix = _TYPE.match(self.code, first, last)
         position = prefix.end() if prefix else first
@@ -122,8 +123,8 @@ class Text:
     ) -> int:
         """The number of the literal in code[start:end].
 
-        not_corrected: why it is no position to correct, whatever its numbers; frames: its base and
-        tool where no motion goes there, None if they are not known.
+        not_corrected: a reason not to correct it that does not depend on its numbers; frames: its
+        base and tool where no motion goes there, None if they are not known.
         """
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)
@@ -133,7 +134,9 @@ class Text:
         return len(self.literals) - 1
 
     def others(self) -> None:
-        """Note positions in what is not followed: structures, arguments of unknown routines."""
+        """Note positions in code that is not followed: structures, arguments of unknown
+        routines.
+        """
         for group in _GROUP.finditer(self.code):
             start = group.start()
             if start in self.taken or _MEMBER.search(self.code, max(0, start - 20), start):

@@ -37,7 +37,7 @@ _RELATIVE = "a relative motion"
 
 
 class Motions(Assignments):
-    """Steps of one text. block: what the spline block that is open says of base, tool and mode."""
+    """Steps of one text. block: base, tool and mode of the open spline block."""
 
     def __init__(self, text: Text, names: Names, declared: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, declared, held)
@@ -46,8 +46,8 @@ class Motions(Assignments):
     # --- base and tool ---
 
     def bas(self, start: int, end: int, line: int) -> Iterator[Step]:
-        """`BAS(#command,value)`: what KUKA's own routine of that name does
-        to base, tool and mode.
+        """`BAS(#command,value)`: the effect of KUKA's own routine of that name on base, tool and
+        mode.
         """
         found = _BAS.match(self.code, start, end)
         command, number = (
@@ -66,7 +66,7 @@ class Motions(Assignments):
                 yield Assign(line, name, self.form(FORM, which, line))
 
     def settings(self, start: int, end: int, line: int) -> dict[str, Value]:
-        """Base, tool and mode behind WITH, which hold for one motion or spline block."""
+        """Base, tool and mode after WITH, which are valid for one motion or spline block."""
         found: dict[str, Value] = {}
         for match in _WITH.finditer(self.code, start, end):
             factors, stop = product(self.code, match.end(), end)

@@ -1,4 +1,4 @@
-"""Names of KRL texts: which variable or routine a name means, and what is done with it."""
+"""Names of KRL texts: the variable or routine of each name, and how the text uses it."""
 
 import re
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _EXTERNAL = re.compile(r"(?:[A-Za-z]\w*\s+)?([A-Za-z_]\w*)\s*\(([^()]*)\)")
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A routine: its unique name, its parameters, and those that it gets by value (`:IN`)."""
+    """A routine: its unique name, its parameters, and those that are passed by value (`:IN`)."""
 
     key: str
     parameters: tuple[str, ...]
@@ -42,14 +42,14 @@ class Names:
     """Variables and routines of the texts of one program, names in lower case.
 
     inside    types of variables, by their routine or module, "" for global ones, and by name
-    valued    variables that are given a value somewhere
-    elements  names of an array's elements that are given a value, by the array's name
-    driven    names of variables that motions go to; framed: that are used as frames, and the line
-    leading   FRAMEs to the left in products that motions go to, and the line
-    used      names that stand in other expressions
-    changed   routines and names that they assign to; rewritten: those names alone
-    passed    calls in a routine with one of its names as an argument: the name of what is
-              called and the place
+    valued    variables that are assigned somewhere
+    elements  names of an array's elements that are assigned, by the array's name
+    driven    variables that are targets of motions
+    framed    variables that are used as frames, with the line
+    leading   FRAMEs on the left of products that are targets of motions, with the line
+    used      names in other expressions
+    changed   routines and the names that they assign; rewritten: those names alone
+    passed    calls in a routine with one of its names as an argument: the called name and the place
     external  routines of other files, and for every parameter whether it is passed by value
     """
 
@@ -68,9 +68,7 @@ class Names:
     external: dict[str, list[bool]] = field(default_factory=dict)
 
     def key(self, name: str, scopes: Sequence[str]) -> str:
-        """The name of a variable in motions, where these scopes, the
-        innermost first, are in force.
-        """
+        """The unique name of a variable in these scopes, the innermost first."""
         for scope in (*scopes, ""):
             if name in self.inside.get(scope, ()):
                 return f"{scope}|{name}" if scope else name
@@ -81,12 +79,12 @@ class Names:
         return next((t for s in (*scopes, "") if (t := self.inside.get(s, {}).get(name))), "")
 
     def routine(self, name: str, module: str) -> Procedure | None:
-        """The routine that a name means in a module."""
+        """The routine with this name in a module."""
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
 
     def changes(self, called: str, place: int, module: str) -> bool:
-        """Whether a routine may change its argument at a place; one that no file holds
-        may, except `:IN`.
+        """Whether a routine may change its argument at a place. A routine of no file may change all
+        but `:IN`.
         """
         procedure, low = self.routine(called, module), called.lower()
         if procedure is None:
@@ -96,7 +94,7 @@ class Names:
         return parameter not in procedure.copied and (procedure.key, parameter) in self.changed
 
     def value(self, name: str, index: str, scopes: Sequence[str]) -> str:
-        """Note that a variable is given a value; its name in motions."""
+        """Note that a variable is assigned; returns its unique name."""
         key = self.key(name, scopes)
         if index:
             element = f"{key}[{index}]"
@@ -107,7 +105,7 @@ class Names:
         return key
 
     def read(self, texts: Sequence[Text]) -> None:
-        """Take in all texts: first what they declare, then what is done with it."""
+        """Read all texts: first their declarations, then the uses of the names."""
         _modules(texts)
         for text in texts:
             for statement, scopes in text.scoped:
@@ -219,7 +217,7 @@ class Names:
                 break
 
     def _pass(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
-        """Note names of a routine that are arguments of others."""
+        """Note names of a routine that are arguments of calls."""
         for match in CALLED.finditer(text.code, statement.start, statement.end):
             given = call_arguments(text, match.end(), statement.end)
             for place, (first, last) in enumerate(given):
@@ -228,7 +226,7 @@ class Names:
                     self.passed.add((scopes[0], name, match[1], place))
 
     def _spread_changes(self) -> None:
-        """What a routine passes on to one that changes it is changed by both."""
+        """An argument that a called routine changes is changed by the calling routine, too."""
         count = -1
         while count != len(self.changed):
             count = len(self.changed)
@@ -237,7 +235,7 @@ class Names:
                     self.changed.add((scope, name))
 
     def _spread(self, texts: Sequence[Text]) -> None:
-        """What is copied to a variable that is used as a frame, or as a target, is so too."""
+        """A variable that is copied to a frame or to a target is used as one, too."""
         copies: dict[str, set[str]] = {}
         for text in texts:
             for statement in text.statements:
@@ -261,7 +259,7 @@ class Names:
 
 
 def call_arguments(text: Text, start: int, end: int) -> list[tuple[int, int]]:
-    """Spans of the arguments of a call whose parenthesis opens at or behind start."""
+    """Spans of the arguments of the first call at or after start."""
     open_ = text.code.find("(", start, end)
     depth = 0
     for mark in re.compile(r"[()]").finditer(text.code, open_, end):
@@ -282,7 +280,7 @@ def _first(word: str) -> str:
 
 
 def _modules(texts: Sequence[Text]) -> None:
-    """Give every text its module: a data list and the program of the same name are one."""
+    """Assign every text to its module: a data list and the program of the same name are one."""
     lists: dict[str, str] = {}
     for text in texts:
         name = next((s.name.lower() for s in text.statements if s.word == "data"), "")

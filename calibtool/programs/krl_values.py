@@ -1,4 +1,4 @@
-"""What expressions of KRL mean: positions, frames, and frame data of inline forms."""
+"""Values of expressions of KRL: positions, frames, and frame data of inline forms."""
 
 import re
 
@@ -38,9 +38,9 @@ _MEMBER = re.compile(r"([^.]*)\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)", re.IGNORECASE
 class Values:
     """Values in one text.
 
-    declared  what variables hold from the start; frames and tools by number are added to it
+    declared  values of variables at the start; frames and tools by number are added to it
     held      whether the robot holds the work piece somewhere in the program
-    scopes    the routine that is read, if one is, and the module
+    scopes    the routine that is read, if there is one, and the module
     """
 
     def __init__(self, text: Text, names: Names, declared: dict[str, Value], held: bool) -> None:
@@ -49,7 +49,9 @@ class Values:
         self.scopes: tuple[str, ...] = (text.module,)
 
     def target(self, word: str) -> Value | None:
-        """The variable that a word means, or elements of an array; None for none with a value."""
+        """The variable that a word refers to, or elements of an array; None for a word without a
+        value.
+        """
         found = reference(word)
         if found is None:
             return None
@@ -66,7 +68,9 @@ class Values:
         return self.anywhere(name)
 
     def anywhere(self, name: str) -> Value | None:
-        """Any element of an array: all that are given a value; None if none is."""
+        """Any element of an array, that is all elements that are assigned; None if there is
+        none.
+        """
         key = self.names.key(name, self.scopes)
         elements = tuple(self.names.elements.get(key, ()))
         if not elements:
@@ -78,7 +82,7 @@ class Values:
         return every
 
     def variables(self, target: Value | None) -> tuple[str, ...]:
-        """The variables that `target` may mean."""
+        """The variables to which `target` may refer."""
         held = (
             self.declared[target] if isinstance(target, str) and target.endswith("[]") else target
         )
@@ -183,9 +187,9 @@ class Values:
         }
 
     def on(self, base: Value, mode: Value) -> Value:
-        """The frame of a motion: its base, unless the robot holds the work piece."""
+        """The frame of a motion: its base; unknown if the robot holds the work piece."""
         return Product(FRAME, (mode, base)) if self.held else base
 
     def is_position(self, name: str) -> bool:
-        """Whether a name is declared as a position or a motion goes to it."""
+        """Whether a name is declared as a position or is the target of a motion."""
         return self.names.type(name, self.scopes) in POSITIONS[:-1] or name in self.names.driven

@@ -1,4 +1,4 @@
-"""KUKA programs (KRL, .src and .dat): what their routines assign, and their motions."""
+"""KUKA programs (KRL, .src and .dat): assignments and motions of their routines."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -101,7 +101,7 @@ def _missing(names: list[str]) -> str:
 
 
 class _Reader(Motions):
-    """A text: what its data lists declare, and its routines as steps."""
+    """A text: the declarations of its data lists, and its routines as steps."""
 
     def __init__(self, text: Text, names: Names, values: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, values, held)
@@ -109,7 +109,7 @@ class _Reader(Motions):
         self.started: list[Started] = []
 
     def declare(self) -> None:
-        """What the text's data lists say, and declarations outside of routines."""
+        """Read the data lists of the text, and declarations outside of routines."""
         inside = False
         for statement, scopes in self.text.scoped:
             self.scopes = scopes
@@ -136,7 +136,7 @@ class _Reader(Motions):
         return self.text.literals[value].source if isinstance(value, int) else -1
 
     def _data(self, statement: Statement, line: int) -> Iterator[Assign]:
-        """What a declaration or an assignment gives to variables; line: 0 in a data list."""
+        """The values of a declaration or an assignment; line: 0 in a data list."""
         if statement.word == "decl":
             for item in declared(self.code, statement.start, statement.end):
                 if item.start >= 0:
@@ -203,7 +203,7 @@ class _Reader(Motions):
             yield from self.motion(statement, line)
 
     def _aside(self, statement: Statement, routine: str, place: int) -> None:
-        """Note what an interrupt, a trigger or cyclic reading does beside the motions."""
+        """Note the effect of an interrupt, a trigger or cyclic reading beside the motions."""
         line, end = self.text.lines(statement.position), statement.end
         found = _ASIDE.match(self.code, statement.position, end)
         if found is None:
@@ -217,8 +217,8 @@ class _Reader(Motions):
         self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
-        """Calls of routines in a statement, with what their parameters hold; BAS
-        sets base and tool.
+        """Calls of routines in a statement, with the values of their parameters; BAS sets base and
+        tool.
         """
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
@@ -247,7 +247,7 @@ class _Reader(Motions):
     def _changed(
         self, called: str, given: list[tuple[int, int]], held: bool, line: int
     ) -> Iterator[Assign]:
-        """What a routine assigns, or may assign, to arguments by reference."""
+        """Assignments, certain or possible, of a routine to its arguments by reference."""
         for place, (first, last) in enumerate(given):
             if self.names.changes(called, place, self.text.module):
                 which = "is changed by a routine" if held else f"may be changed by {called}"

@@ -1,7 +1,7 @@
-"""Uses of positions by motions: routines are followed with all values that variables can hold.
+"""Uses of positions by motions: routines are followed with all possible values of their variables.
 
-At every place a variable holds a set of values: after a branch those of all alternatives, in a loop
-those of all rounds, in a routine those of all calls. The position of the robot is such a variable
+At every place a variable has a set of values: after a branch those of all alternatives, in a loop
+those of all rounds, in a routine those of all calls. The position of the robot is such a variable,
 too, so that the possible predecessors of every motion are known.
 """
 
@@ -22,11 +22,11 @@ class Use:
     """A literal as the target of a motion.
 
     literal        its number in the program
-    line, motion   where, and the instruction; 0 and "" for a literal that no motion goes to
-    frames, tools  what they can be
+    line, motion   its line and instruction; 0 and "" for a literal to which no motion goes
+    frames, tools  their possible values
     obeyed         whether its configuration data are obeyed there; None where it depends
-    near           literals that choose the branch in place of where the robot stands
-    before         uses from which the robot comes; sure: it can come from nowhere else
+    near           literals that choose the branch instead of the position of the robot
+    before         uses from which the robot may come; sure: there are no others
     relative       the robot only goes near it, see `Aim`
     """
 
@@ -47,15 +47,15 @@ Circle = tuple[int, frozenset[int], frozenset[int]]
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """What `follow` found.
+    """The result of `follow`.
 
-    uses     in the order in which routines are followed: callees before those that call them
-    spoiled  literals that are no constants, and why
+    uses     in the order in which routines are followed: called ones before those that call them
+    spoiled  literals whose value changes, and why
     edited   literals to which motions go with other components
     seeds    literals that choose the branch of others
     frames   literals that are frames or tools
-    remarks  motions that go to nothing written
-    circles  line of each motion through two points, and the literals that either of them can be
+    remarks  motions to targets that are not written in the program
+    circles  line of each motion through two points, and the possible literals of both
     """
 
     uses: tuple[Use, ...]
@@ -68,8 +68,8 @@ class Flow:
 
 
 def follow(program: Program, given: NamedFrames) -> Flow:
-    """Follow all routines. given: frames and tools by name, which win over those that the
-    program declares.
+    """Follow all routines. given: frames and tools by name, which take precedence over the
+    program's.
     """
     kept: State = {}
     for _ in range(ROUNDS):
@@ -86,15 +86,13 @@ def follow(program: Program, given: NamedFrames) -> Flow:
 
 
 class _Uses:
-    """What the calls of routines put into the uses that were found in them."""
+    """The values that the calls of routines give to the uses in them."""
 
     def __init__(self, program: Program, routines: Routines) -> None:
         self.program, self.routines, self.variables = program, routines, routines.variables
 
     def flow(self) -> Flow:
-        """Uses with the values of the routines' calls put in, and literals
-        that no motion goes to.
-        """
+        """Uses with the values of the routines' calls, and literals to which no motion goes."""
         entries: dict[str, State] = {name: {} for name in self.routines.order}
         for name in reversed(self.routines.order):
             at_entry = self._entered(entries[name])
@@ -157,8 +155,8 @@ class _Uses:
         )  # fmt: skip
 
     def _alone(self, used: Iterable[int], count: int) -> Iterable[Use]:
-        """Literals that no motion goes to, in the order of the text, as far as something
-        is known of them.
+        """Literals to which no motion goes, in the order of the text, where something is known of
+        them.
         """
         before: tuple[int, ...] = ()
         for number, literal in enumerate(self.program.literals):

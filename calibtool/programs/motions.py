@@ -1,13 +1,13 @@
-"""What a program is read as: the positions written in it, and routines of motions to them, in
-order of execution.
+"""The common form of programs: the positions written in them, and routines with motions in order of
+execution.
 
-A language module makes these from text; `flow` follows them, and nothing else knows how
-a language looks.
+The module of a language makes these objects from text, and `motion_flow` follows them. No other
+module depends on the language.
 
 Positions, frames, tools and settings are values: a literal's number, the name of a variable, or one
-of the classes below. A variable's name is any text that the language makes unique; what it holds at
-a motion is found by following the routines, so a language reports assignments where they stand and
-does not ask what is in force.
+of the classes below. The language makes the name of each variable unique. The value of a variable
+at a motion is found by following the routines. A language therefore reports assignments at their
+place and does not need to know which values are in force.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ FRAME, TOOL = "frame", "tool"
 class ProgramText:
     """A text of the program, Latin-1 so that every byte is one character.
 
-    edited  whether it is corrected; a text that is only looked up for frames and positions is not
+    edited  whether it is corrected; other texts only define frames and positions
     """
 
     name: str
@@ -41,13 +41,13 @@ class ProgramText:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """T_base_frame or T_flange_tool (4, 4) in m, row by row; None where the program
-    does not give it.
+    """T_base_frame or T_flange_tool (4, 4) in m, row by row; None where the program does not define
+    it.
 
     kind  FRAME or TOOL
-    name  how `--frames` calls it: "" is the robot's base or flange, None where the program
-          does not name it
-    line  where the program sets it, 0 for what is there from the start
+    name  its name in `--frames`: "" is the robot's base or flange, None where the program does not
+          name it
+    line  where the program sets it, 0 for values from the start
     """
 
     kind: str
@@ -63,9 +63,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """What the text does not tell, and why, with the line: `read from the robot (line 7)`.
+    """A value that the text does not define, and why, with the line: `read from the robot (line
+    7)`.
 
-    quiet   the motion to it need not be listed, because what is wrong is listed at its literal
+    quiet   a motion to it is not listed, because the problem is listed at its literal
     edited  the literal of which it is the value, or a copy, with other components
     """
 
@@ -83,9 +84,9 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """Frames one in the other, T_1 T_2 …, or one alone; a pose that is written may be one of them.
+    """Frames in each other, T_1 T_2 …, or one alone; one of them may be a written pose.
 
-    name: what `--frames` calls the whole, where it can
+    name: the name of the whole in `--frames`, if it has one.
     """
 
     kind: str
@@ -95,19 +96,19 @@ class Product:
 
 @dataclass(frozen=True, slots=True)
 class Either:
-    """One of several values, as an array's element whose number is not known."""
+    """One of several values, such as an array's element whose index is not known."""
 
     parts: tuple["Value", ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Edited:
-    """A value of which some components are exchanged, as `$BASE.Z = -300`.
+    """A value of which some components are replaced, as by `$BASE.Z = -300`.
 
-    components   index of the component in x, y, z and the orientation's numbers → its
-                 value in SI units
+    components   index of the component in x, y, z and the orientation's numbers → its value in SI
+                 units
     orientation  as in `Literal`
-    line, why    where, and the reason given for such a literal, which is then no constant
+    line, why    the line, and the reason why such a literal is not constant
     """
 
     base: "Value"
@@ -119,9 +120,9 @@ class Edited:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a variable holds when the routine begins.
+    """The value of a variable at the beginning of the routine.
 
-    Not for languages: `motion_flow` fills in what the calls give.
+    Languages do not use it: `motion_flow` replaces it by the values of the calls.
     """
 
     name: str
@@ -141,21 +142,19 @@ class Literal:
     """A position as it is written.
 
     kind           JOINT or POSE
-    numbers        joints in the robot's order; or x, y, z and the orientation; empty if it
-                   cannot be corrected
-    line, name     for messages: the line of its first number, from 1, and how the program calls it
+    numbers        joints in the robot's order; or x, y, z and the orientation; empty if it cannot
+                   be corrected
+    line, name     for messages: the line of its first number, from 1, and its name in the program
     orientation    of a pose, a convention of `rotation_matrices`
     configuration  data on the branch of a pose
     source         number of its text
-    not_corrected  why it is no position to correct: not taught, an expression among its numbers,
-                   external axes; bad: this is an error of the program
-    external       beside a pose, external axes that are joints of the chain: joint
-                   from 0 and number
-    blank          its numbers are those of a position that nobody taught; it is one if the
-                   robot cannot be there
+    not_corrected  why it is not corrected: not taught, an expression among its numbers, external
+                   axes; bad: this is an error of the program
+    external       for a pose: external axes that are joints of the chain, joint from 0 and number
+    blank          its numbers are those of a position that nobody taught; it counts as taught if
+                   the robot can be there
     moved_to       a motion goes there by an expression that is not followed
-    alone          what is known where no motion goes to it, with the literal's own number as
-                   value; None: nothing
+    alone          its value where no motion goes to it, with the literal's number; None: unknown
     """
 
     kind: str
@@ -185,16 +184,16 @@ class Literal:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """One point that a motion goes to.
+    """One target point of a motion.
 
     value        the position: a literal, a variable, or Unknown
     frame, tool  of a pose
     obeyed       whether the controller goes to the branch of the configuration data, or stays near
-                 where it comes from; a Setting or the name of a variable that holds one
-    near         joints that choose the branch instead, as a start of the controller's
-                 inverse kinematics
-    relative     why the robot does not go to the position itself, as an offset to it: it is near
-                 there, and the position has this frame and tool
+                 the previous position; a Setting or the name of a variable that holds one
+    near         joints that choose the branch instead, such as a start of the controller's inverse
+                 kinematics
+    relative     why the robot goes not to the position itself but near it, such as by an offset;
+                 the position has this frame and tool
     """
 
     value: Value
@@ -216,7 +215,7 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Assign:
-    """From here on a variable holds a value."""
+    """From here on a variable has a value."""
 
     line: int
     name: str
@@ -225,9 +224,10 @@ class Assign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Call:
-    """Another routine is executed. arguments: variables of it, its parameters, and what they hold.
+    """Another routine is executed. arguments: its parameters, which are variables, and their
+    values.
 
-    A routine that the program does not have is passed over.
+    A routine that is not in the program is skipped.
     """
 
     line: int
@@ -237,7 +237,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Begin of the first branch of a selection, or of a loop. once: at least one round."""
+    """Begin of the first branch of a selection, or of a loop. once: there is at least one round."""
 
     loop: bool = False
     once: bool = False
@@ -245,7 +245,7 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Else:
-    """The next branch of a selection. last: there is no way around all branches."""
+    """The next branch of a selection. last: one of the branches is always executed."""
 
     last: bool = False
 
@@ -262,14 +262,14 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A place to jump to."""
+    """A place to which a jump goes."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """The program goes on at a label, or may do so."""
+    """The program continues at a label, or may do so."""
 
     label: str
     always: bool = True
@@ -296,14 +296,14 @@ class Routine:
 class Program:
     """A program, of one text or several.
 
-    literals    every position written in it, numbered by their place here
-    declared    what variables hold from the start
-    remarks     what else is left as it is, and errors
-    notes       what a reader of the summary has to know
-    persistent  variables keep what they hold when a routine is started again
-    in_order    the text is the order of motion, without calls, loops and variables:
-                backlash can be taken up
-    unused      why a literal that no motion goes to and that has no `alone` is left
+    literals    every position written in it; its index here is its number
+    declared    values of variables from the start
+    remarks     other things that are not corrected, and errors
+    notes       further notes for the summary
+    persistent  variables keep their values when a routine is started again
+    in_order    the text is the order of motion, without calls, loops and variables: backlash can be
+                corrected
+    unused      why a literal is not corrected to which no motion goes and that has no `alone`
     """
 
     sources: tuple[ProgramText, ...]

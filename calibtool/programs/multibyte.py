@@ -15,11 +15,12 @@ _ENCODINGS = (
 
 
 def beyond_ascii_blanked(text: str) -> str:
-    """A text (Latin-1, so that every byte is one character) with `?` for every byte of a
-    character beyond ASCII.
+    """A text in Latin-1, where every byte is a character, with `?` for each byte of a character
+    beyond ASCII.
 
-    Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look
-    like ASCII, each line is taken to be in the first with which its square brackets are in order.
+    Positions in the text do not change. UTF-8 is recognised. Among the encodings with two bytes,
+    whose second byte may look like ASCII, each line is assumed to be in the first one in which its
+    square brackets match.
     """
     if text.isascii():
         return text
@@ -39,7 +40,7 @@ def _blanked(line: str) -> str:
 
 
 def _in_order(line: str) -> bool:
-    """Whether every square bracket has its partner."""
+    """Whether all square brackets match."""
     depth = 0
     for mark in line:
         depth += (mark == "[") - (mark == "]")

@@ -19,13 +19,13 @@ _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 @dataclass(frozen=True, eq=False)
 class Stands:
-    """Answers of the nominal robot.
+    """Joint positions of the nominal robot at the positions of a program.
 
-    q        per position the different joint positions of its uses, (n,) each; none if one of
-             them has no answer
-    why      per position why, "" otherwise
-    guessed  per position whether nothing tells the branch of one of its uses
-    T        (M, 4, 4) T_base_tool of the positions; of joint positions the identity
+    q        per position the different joint positions of its uses, (n,) each; none if one of them
+             has no solution
+    why      per position the reason, otherwise ""
+    guessed  per position whether the branch of one of its uses is not known
+    T        (M, 4, 4) T_base_tool of the positions; the identity for joint targets
     """
 
     q: list[list[Array]]
@@ -37,13 +37,13 @@ class Stands:
 def stands(
     controller: Controller, program: Program, flow: Flow, found: Sequence[Position]
 ) -> Stands:
-    """Solve every use of every position, near the use before it where the controller does so."""
+    """Solve every use of every position, near the previous use where the controller does so."""
     return _Solving(controller, program, flow, found).result()
 
 
 class _Solving:
-    """Arrays over the uses: joint positions q (N, n), which are joint targets, and where nothing
-    is left to guess.
+    """Arrays over the uses: joint positions q (N, n), which are joint targets, and whose branch is
+    known.
     """
 
     def __init__(
@@ -101,9 +101,7 @@ class _Solving:
         return Stands(q, why, guessed, self.T)
 
     def _solve(self, rows: np.ndarray, start: Array) -> Array:
-        """Answers of uses from where the robot stands before; without one it is taken to
-        stand there still.
-        """
+        """Solutions of uses near `start`, the previous position of the robot."""
         q = np.where(self.fixed[rows, None], self.q[rows], start)
         here = np.flatnonzero((self.place[rows] >= 0) & ~self.fixed[rows])
         if len(here):
@@ -128,8 +126,8 @@ class _Solving:
         return answers
 
     def _asked(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
-        """The configuration data to look at, and whether they decide; where the controller stays
-        near, they only help.
+        """The configuration data to use, and whether they decide; where the controller stays near
+        the previous position, they only help.
         """
         configuration = self.literals[use.literal].configuration
         if use.obeyed is False and sure:
@@ -137,7 +135,7 @@ class _Solving:
         return configuration, use.obeyed is True
 
     def _from_other_sides(self, parents: np.ndarray) -> dict[int, list[Array]]:
-        """Answers of uses that the robot may also come to from elsewhere."""
+        """Solutions of uses that the robot may also reach from other positions."""
         pairs = [
             (k, other)
             for k, before in enumerate(self.before)
@@ -156,8 +154,8 @@ class _Solving:
 
 
 def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
-    """T_base_tool of each position, with the tool of the calibration's description; of
-    joints the identity.
+    """T_base_tool of each position, with the tool of the calibration's description; the identity
+    for joints.
     """
     T = np.tile(np.eye(4), (len(found), 1, 1))
     groups: dict[str, list[int]] = {}
@@ -172,8 +170,8 @@ def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
 
 
 def placed(T: Array, found: Sequence[Position], back: bool = False) -> Array:
-    """Poses (N, 4, 4) in frame and tool of positions as T_base_tool of the description;
-    back: the other way.
+    """Poses (N, 4, 4) in frame and tool of positions as T_base_tool of the description; back: the
+    inverse.
     """
     frames: dict[tuple[float, ...], list[int]] = {}
     for row, position in enumerate(found):

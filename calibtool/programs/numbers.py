@@ -21,10 +21,10 @@ _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number in the text: characters start to end, its unit (`""` for a quaternion's
-    component), its SI value.
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's component),
+    its SI value.
 
-    It may be a constant expression, such as `pi/2`, in place of which the number is written.
+    It may be a constant expression, such as `pi/2`, which the new number replaces.
     """
 
     start: int
@@ -37,7 +37,7 @@ _NUMBER_PACKED = Struct("<IId")  # start, end, value
 
 
 class Numbers(Sequence[Number]):
-    """Numbers of a position, kept in little memory: a program has tens of thousands."""
+    """Numbers of a position in compact form: a program may have tens of thousands of positions."""
 
     __slots__ = ("_packed", "_units")
 
@@ -110,8 +110,8 @@ class LineNumbers:
 
 
 def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
-    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN
-    and 1e999 among it.
+    """The number in text[start:end] without blanks around it; None for anything else, including NaN
+    and 1e999.
     """
     inner = text[start:end]
     first = start + len(inner) - len(inner.lstrip())
@@ -127,8 +127,8 @@ def is_not_finite(text: str) -> bool:
 
 
 def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str:
-    """The text with comments and strings replaced by blanks of the same length: positions stay,
-    their words are gone.
+    """The text with comments and strings replaced by blanks of the same length, so that positions
+    stay.
     """
 
     def blank(match: re.Match[str]) -> str:
@@ -138,16 +138,16 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
 
 
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
-    """The text with spans (start, end, new text) exchanged; everything else is as it was.
+    """The text with spans (start, end, new text) exchanged and nothing else changed.
 
-    A number that stands right-aligned in a column (two blanks before it at least) keeps its
-    column's width.
+    A number that is right-aligned in a column (at least two blanks before it) keeps its column's
+    width.
     """
     return "".join(pieces(text, sorted(edits)))
 
 
 def pieces(text: str, edits: Iterable[tuple[int, int, str]]) -> Iterator[str]:
-    """The same piece by piece, for edits in the order of the text."""
+    """The same in pieces, for edits in the order of the text."""
     position = 0
     for start, end, new in edits:
         room = start
@@ -169,7 +169,7 @@ def pieces(text: str, edits: Iterable[tuple[int, int, str]]) -> Iterator[str]:
 def rewritten(
     text: str, numbers: Sequence[Number], values: Sequence[float]
 ) -> list[tuple[int, int, str]]:
-    """Edits that put new SI values where numbers stand; none for a number that would not change."""
+    """Edits that replace numbers by new SI values; none for a number that would not change."""
     edits = []
     for number, value in zip(numbers, values, strict=True):
         old = text[number.start : number.end]
@@ -186,8 +186,8 @@ def rewritten(
 
 
 def written(old: str, value: float, unit: str) -> str:
-    """A value in the style of the number it replaces: its decimals, or as many as the unit needs;
-    `old` if unchanged.
+    """A value in the style of the old number: with its decimals, or as many as the unit needs;
+    `old` if equal.
     """
     mantissa = re.split("[eE]", old)[0]
     decimals = max(DECIMALS[unit], len(mantissa.partition(".")[2]))

@@ -32,8 +32,8 @@ def point_list(
 ) -> str:
     """A program with joint positions q (N, n), rad or m, in the language of the file's suffix.
 
-    comments: texts of every row. The joint values are those that the controller shows. Raises
-    UsageError for an unknown suffix, or an arm whose joints the language has no room for.
+    comments: texts of every row. The joint values are those of the controller. Raises UsageError
+    for an unknown suffix, or for an arm with joints that the language cannot express.
     """
     writer = _writer(path)
     language = detected("", path)
@@ -52,7 +52,7 @@ def point_list(
 
 
 def check_suffix(path: str) -> None:
-    """UsageError for a file whose suffix is of no language that can be written."""
+    """UsageError for a suffix of no language that can be written."""
     _writer(path)
 
 
@@ -128,5 +128,5 @@ def _room(robot: Robot, language: str) -> None:
 
 
 def _plain(text: str) -> str:
-    """Text of a comment: nothing in it ends the line."""
+    """Text of a comment without characters that end the line."""
     return re.sub(r"[^\w .,:+-]", "_", text)

@@ -13,13 +13,13 @@ _COLUMNS = ("file", "line", "name", "kind", "fate", "why")
 
 @dataclass(frozen=True, slots=True)
 class Fate:
-    """What became of a position that is written in a program.
+    """The result for a position that is written in a program.
 
     source      number of its text
-    line, name  where, and what it is called
+    line, name  its line and its name
     kind        `joint` or `pose`
-    fate        `corrected`, `unchanged` or `left`
-    why         why it is left, or what to look at
+    fate        `corrected`, `unchanged` or `left` (not corrected)
+    why         why it is not corrected, or what should be checked
     """
 
     source: int
@@ -32,18 +32,18 @@ class Fate:
 
 @dataclass(frozen=True)
 class CompensatedProgram:
-    """What came of a program.
+    """The result for a program.
 
     names         of its texts, as they appear in messages
-    texts         its corrected texts; every byte that is no number of a changed target is as it was
+    texts         its corrected texts; only numbers of changed targets differ
     targets       how many could be read
-    changed       how many have other numbers now
-    largest_mm, largest_deg   the largest change: of the nominal tool's place, and of a joint
+    changed       how many have new numbers
+    largest_mm, largest_deg   the largest change: of the nominal tool's position, and of a joint
     left_alone    what was not corrected, and why
-    remarks       corrected targets that need a look
-    notes         what else a reader has to know
+    remarks       corrected targets that should be checked
+    notes         other notes
     fates         of every position that is written in it
-    inconsistent  how many poses that the program moves to are left while others are corrected
+    inconsistent  how many poses of motions are not corrected while others are
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,9 @@ class CompensatedProgram:
         return lines + [f"{name}: note: {note}" for note in self.notes]
 
     def report(self) -> str:
-        """A CSV with every position, and what else is left: file, line, name, kind, fate, why."""
+        """A CSV with every position and everything else that is not corrected: file, line, name,
+        kind, fate, why.
+        """
         rows = [(f.source, f.line, f.name, f.kind, f.fate, f.why) for f in self.fates]
         seen = {row[:3] for row in rows}
         rows += [

@@ -47,11 +47,11 @@ _OPERATOR = re.compile(r"\b(?:AND|OR|XOR|NOT|DIV|MOD|IF)\s*$", re.IGNORECASE)
 class Statement:
     """A statement or a part of one that stands alone.
 
-    word        what it is: `module`, `routine`, `endif` … in lower case; `data`, `assign`,
-                `label`, `instruction`
+    word        its kind: `module`, `routine`, `endif` … in lower case; `data`, `assign`, `label`,
+                `instruction`
     name        of the module, routine, data, label or instruction, as it is written
-    start, end  what follows: parameters of a routine, the value of data and assignments, arguments
-    ended       it has its semicolon
+    start, end  the rest: parameters of a routine, the value of data and assignments, arguments
+    ended       whether it has its semicolon
     more        of data (scope, storage, type, dimensions); of an assignment (index, components)
     """
 
@@ -66,8 +66,8 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of an instruction: its span, and of an optional one its name; after: number of
-    the one before it.
+    """An argument of an instruction: its span, and the name of an optional one; after: number of
+    the previous one.
     """
 
     start: int
@@ -77,7 +77,7 @@ class Argument:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a module, comments and strings blanked; a short `IF` comes as `if`, its
+    """The statements of a module without comments and strings; a short `IF` becomes `if`, its
     statement, `endif`.
     """
     position = 0
@@ -119,9 +119,7 @@ def statements(code: str) -> Iterator[Statement]:
 
 
 def arguments(code: str, start: int, end: int) -> list[Argument]:
-    """The arguments in code[start:end]: between commas, and after backslashes those
-    that are optional.
-    """
+    """The arguments in code[start:end]: between commas, and optional ones after backslashes."""
     found: list[Argument] = []
     depth, first, option = 0, start, False
 
@@ -182,8 +180,8 @@ def _simple(code: str, position: int) -> Iterator[Statement]:
 
 
 def _short_if(code: str, at: int, start: int, end: int) -> Iterator[Statement]:
-    """`IF condition statement;`: the statement begins where two words stand side by side
-    without an operator.
+    """`IF condition statement;`: the statement begins where two words follow each other without an
+    operator.
     """
     yield Statement("if", "", at, start, end)
     for match in _OPERAND.finditer(code, start, end):

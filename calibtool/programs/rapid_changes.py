@@ -1,4 +1,6 @@
-"""RAPID data that instructions and routines may change without an assignment that is followed."""
+"""RAPID data that instructions and routines may change without an assignment that can be
+followed.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -43,13 +45,13 @@ _NAME = re.compile(r'"(\w+)"')
 
 
 def reading(name: str) -> bool:
-    """Whether an instruction or function is known to leave its arguments as they are."""
+    """Whether an instruction or function is known not to change its arguments."""
     return _READING.fullmatch(name) is not None
 
 
 def variables(values: Values, word: str) -> list[tuple[str, ...]]:
-    """The variables of the target, tool or work object that a word, or its component, refers to,
-    if it can change.
+    """The variables of the target, tool or work object of a word, or of its component, if it can
+    change.
     """
     match = _REFERENCE.fullmatch(word)
     data = values.data(match[1].strip()) if match else None
@@ -67,7 +69,7 @@ def variables(values: Values, word: str) -> list[tuple[str, ...]]:
 
 
 def changed(values: Values, word: str, line: int, why: str) -> Iterator[Assign]:
-    """What the data of a word hold once something else has changed them."""
+    """The values of a word's data after something else has changed them."""
     for keys in variables(values, word):
         for key in keys:
             yield Assign(line, key, Edited(key, (), QUATERNION, line, why))
@@ -75,12 +77,11 @@ def changed(values: Values, word: str, line: int, why: str) -> Iterator[Assign]:
 
 @dataclass(eq=False)
 class Changes:
-    """What is found in all modules of routines that change data.
+    """Changes of data by the routines of all modules.
 
-    passed      assignments that stand for arguments given by reference, with the
-                parameter's variable
-    unfollowed  routines that are not executed by a call that is followed
-    late        names of routines called by a text, and whether the name is only the beginning
+    passed      assignments of arguments given by reference, with the parameter's variable
+    unfollowed  routines that no followed call executes
+    late        names of routines called by a text, and whether the text is only the beginning
     """
 
     names: Names
@@ -90,8 +91,8 @@ class Changes:
     def settled(
         self, routines: Sequence[Routine], declared: dict[str, Value]
     ) -> tuple[Routine, ...]:
-        """The routines without assignments of parameters that nobody changes;
-        uncertain data unknown.
+        """The routines without assignments of parameters that nobody changes; uncertain data are
+        unknown.
         """
         pending = {id(step): parameter for step, parameter in self.passed}
         assigned = {
@@ -121,8 +122,8 @@ class Changes:
                 yield step
 
     def _unsure(self, name: str, value: Value, why: str) -> Value:
-        """A frame or tool is unknown then; a target is one of those that are
-        assigned, or another one.
+        """A frame or tool is then unknown; a target is one of those that are assigned, or another
+        one.
         """
         target = name.partition("{")[0] in self.names.targets
         if not target:
@@ -130,8 +131,8 @@ class Changes:
         return value if isinstance(value, Edited) else Either((value, Unknown(why)))
 
     def _uncertain(self, routines: Sequence[Routine]) -> dict[str, str]:
-        """Variables that are assigned where no call that is followed leads, and why
-        they are unknown.
+        """Variables that are assigned in code that no followed call reaches, and why they are
+        unknown.
         """
         bodies = {routine.name: routine.body for routine in routines}
         waiting: list[tuple[str, Sequence[Statement]]] = []
@@ -164,12 +165,12 @@ class Changes:
         return any(name.startswith(text) if begins else name == text for text, begins in self.late)
 
     def called_late(self, text: str, begins: bool) -> None:
-        """A call whose routine is an expression: one that is written out, or any."""
+        """A call whose routine is an expression: a named routine, or any."""
         name = _NAME.fullmatch(text.strip())
         self.late.append((name[1].lower(), begins) if name else ("", True))
 
     def functions(self, values: Values, start: int, end: int) -> Iterator[Assign]:
-        """What the functions that are called in an expression may change of their arguments."""
+        """Changes of arguments by the functions that an expression calls."""
         if values.code.find("(", start, end) < 0:
             return
         for call in _CALL.finditer(values.code, start, end):
@@ -181,7 +182,7 @@ class Changes:
     def arguments(
         self, values: Values, name: str, given: Sequence[Argument], line: int
     ) -> Iterator[Assign]:
-        """What an instruction or function may change of its arguments."""
+        """Changes of arguments by an instruction or function."""
         routine = values.names.routine(name, values.scopes[-1])
         if routine is not None:
             for data, argument in routine.matched(given):
@@ -196,8 +197,8 @@ class Changes:
     def _by_reference(
         self, values: Values, word: str, parameter: Data, line: int
     ) -> Iterator[Assign]:
-        """Assignments for an argument given by reference; they count if
-        the parameter is changed.
+        """Assignments of an argument given by reference; they are valid if the parameter is
+        changed.
         """
         why = f"a routine changes it (line {line})"
         parts = FRAMES.get(parameter.type, ("",))

@@ -1,4 +1,4 @@
-"""RAPID's data: positions, tools and work objects as they are written."""
+"""Data of RAPID: positions, tools and work objects as they are written."""
 
 import re
 from collections.abc import Iterator
@@ -53,8 +53,8 @@ SHAPES = {"robtarget": _ROBTARGET, "jointtarget": _JOINTTARGET}
 
 @dataclass(eq=False)
 class Text:
-    """A module's text and code, where comments and strings are blank, and the
-    positions found in it.
+    """A module's text, its code with comments and strings replaced by blanks, and the positions
+    found in it.
     """
 
     number: int
@@ -131,9 +131,7 @@ class Text:
         return frames[0] or unread, frames[1] or unread
 
     def others(self) -> Iterator[Literal]:
-        """Positions that stand in something else than data, assignments and arguments
-        that are followed.
-        """
+        """Positions in code other than the data, assignments and arguments that are followed."""
         for type_, shape in SHAPES.items():
             for found in shape.finditer(self.code):
                 if found.start() not in self.taken:
@@ -146,7 +144,7 @@ class Text:
                     )  # fmt: skip
 
     def _is_solved(self, position: int) -> bool:
-        """Whether a position's joints are put into data that a motion goes to."""
+        """Whether a position's joints are assigned to data to which a motion goes."""
         solved = _SOLVED.search(self.code, max(0, position - _LOOK_BACK), position)
         return solved is not None and bool(
             re.search(rf"\bMoveAbsJ\s*(?:\\Conc\s*,)?\s*{solved[1]}\b", self.code, re.IGNORECASE)
@@ -212,7 +210,7 @@ class Text:
         )
 
     def _strange(self, type_: str, start: int, end: int, name: str) -> Literal:
-        """Why a text is no position: an expression among its numbers, or an error."""
+        """Why a text is not a position: an expression among its numbers, or an error."""
         kind = JOINT if type_ == "jointtarget" else POSE
         expected = (6, 6) if kind == JOINT else (3, 4, 4, 6)
         value = item(self.code, start, end)

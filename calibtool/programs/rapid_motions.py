@@ -36,13 +36,13 @@ _RELATIVE = "a relative motion; the point it starts from is treated by itself"
 
 
 def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> Iterator[Statement]:
-    """The motion of an instruction, known or not, if a position is among its arguments."""
+    """The motion of an instruction, known or not, if one of its arguments is a position."""
     yield from _Instruction(values, name, given, line).steps()
 
 
 def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
-    """Whether an instruction moves the robot, by its name or what it gets: it only reads
-    its arguments then.
+    """Whether an instruction moves the robot, by its name or its arguments. It then does not change
+    them.
     """
     return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).paced()
 
@@ -144,9 +144,7 @@ class _Instruction:
         )
 
     def _tool(self, last: int) -> Value:
-        """The tool, wherever it stands after the last point: data of this type, before
-        \\WObj, in its place.
-        """
+        """The tool: data of this type after the last point, before WObj, or at its usual place."""
         option = next((a for a in self.given if a.option == "tool"), None)
         if option is not None:
             return self.values.named(self.values.code[option.start : option.end], "tooldata")

@@ -1,4 +1,4 @@
-"""Names of RAPID modules: which data or routine a name means at a place."""
+"""Names of RAPID modules: the data or routine to which a name refers at a place."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -15,8 +15,8 @@ _PARAMETER = re.compile(
 
 
 def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]]:
-    """The statements of a text with the scopes in force at each, the innermost first: routine and
-    module, or module.
+    """The statements of a text with their scopes, the innermost first: routine and module, or
+    module.
     """
     inside = f"{number}"
     scopes: tuple[str, ...] = (inside,)
@@ -32,10 +32,10 @@ def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """What a name stands for: its type, the name of its variable in motions, and how
-    many indices it has.
+    """The data of a name: type, unique name of the variable, and number of indices.
 
-    constant   nothing can change it; reference: a parameter whose argument changes with it
+    constant   nothing can change it
+    reference  a parameter whose argument changes with it
     """
 
     type: str
@@ -69,12 +69,13 @@ class Procedure:
 class Names:
     """Data and routines of the modules of one task, names in lower case.
 
-    everywhere  global data; inside: those of a module or routine, by its name
-    elements    names of an array's elements, by the array's
-    changed     names that a routine assigns to or that may be changed as arguments
+    everywhere  global data
+    inside      data of a module or routine, by its name
+    elements    names of an array's elements, by the array's name
+    changed     names that a routine assigns or that may change as arguments
     targets     variables of positions
-    procedures  unique names of routines that are called by instructions; unfollowed:
-                functions and traps
+    procedures  unique names of routines that instructions call
+    unfollowed  functions and traps
     """
 
     everywhere: dict[str, Data] = field(
@@ -92,7 +93,7 @@ class Names:
     unfollowed: set[str] = field(default_factory=set)
 
     def data(self, name: str, scopes: Sequence[str]) -> Data | None:
-        """What a name stands for where these scopes, the innermost first, are in force."""
+        """The data of a name in these scopes, the innermost first."""
         name = name.lower()
         for scope in scopes:
             found = self.inside.get(scope, {}).get(name)
@@ -101,11 +102,11 @@ class Names:
         return self.everywhere.get(name)
 
     def routine(self, name: str, module: str) -> Procedure | None:
-        """The routine that a name means in a module."""
+        """The routine of a name in a module."""
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
 
     def read(self, text: Text) -> None:
-        """Take in the names of a text."""
+        """Read the names of a text."""
         for statement, scopes in placed(text.code, text.number):
             name = statement.name.lower()
             if statement.word == "routine":

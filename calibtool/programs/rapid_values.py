@@ -28,11 +28,10 @@ _WORD = re.compile(r"([^\W\d]\w*)\s*+(?:\{([^{}]*)\})?\s*+")
 
 @dataclass(eq=False)
 class Values:
-    """Values of a module's texts, where the names of these scopes, the innermost
-    first, are in force.
+    """Values of a module's texts in these scopes, the innermost first.
 
-    declared  what variables of all modules hold when the program begins
-    remarks   errors that were met
+    declared  values of variables of all modules when the program begins
+    remarks   errors that were found
     """
 
     text: Text
@@ -47,13 +46,13 @@ class Values:
         return self.text.code
 
     def data(self, word: str) -> Data | None:
-        """The data whose name, with or without an index, a word is."""
+        """The data of a word that is a name, with or without an index."""
         match = _WORD.fullmatch(word)
         return self.names.data(match[1], self.scopes) if match else None
 
     def reference(self, word: str, type_: str) -> Value | None:
-        """The variable that a word means, if it is one of this type; of an array all elements
-        that it may mean.
+        """The variable of a word, if it has this type; of an array all elements to which it may
+        refer.
         """
         match, data = _WORD.fullmatch(word), self.data(word)
         if match is None or data is None or data.type != type_:
@@ -71,8 +70,8 @@ class Values:
         return every
 
     def named(self, word: str, type_: str) -> Value:
-        """A tool or a work object by its name; what the modules do not
-        declare may be given by it.
+        """A tool or a work object by its name; `--frames` may define one that the modules do not
+        declare.
         """
         reference = self.reference(word, type_)
         if reference is None:
@@ -92,7 +91,7 @@ class Values:
     def held(
         self, data: Data, key: str, start: int, end: int, name: str, line: int = 0
     ) -> Iterator[tuple[str, Value]]:
-        """Variables and what the text gives them. line: of the assignment, 0 of a declaration."""
+        """Variables and the values of a text. line: of the assignment, 0 of a declaration."""
         word = self.code[start:end]
         if data.type in SHAPES and word.startswith("["):
             yield key, self.text.position(data.type, start, end, name)
@@ -115,8 +114,8 @@ class Values:
         return Unknown(f"is computed (line {self.text.lines(position)})")
 
     def elements(self, data: Data, start: int, end: int) -> Iterator[tuple[str, int, int]]:
-        """Index in braces and span of each element of an array, row by row; the data
-        itself if it is none.
+        """Index in braces and span of each element of an array, row by row; the data itself if it
+        is no array.
         """
         if not data.dimensions or self.code[start] != "[":
             yield "", start, end
@@ -149,7 +148,7 @@ class Values:
     def component(
         self, data: Data, key: str, parts: str, start: int, end: int, line: int
     ) -> Iterator[tuple[str, Value]]:
-        """What a variable holds once a component of it is assigned."""
+        """The value of a variable after the assignment of one of its components."""
         words = parts.strip(".").split(".")
         why = f"a component of it is assigned (line {line})"
         if data.type in SHAPES:
@@ -190,7 +189,7 @@ class Values:
         return start, max(start, start + len(inner.strip()))
 
     def closed(self, start: int, name: str) -> bool:
-        """Whether a list that begins here, if one does, is closed; it is an error if not."""
+        """Whether a list that begins here is closed; an open one is noted as an error."""
         if self.code[start : start + 1] != "[" or closing(self.code, start) is not None:
             return True
         self.bad(start, name, "a bracket is not closed")

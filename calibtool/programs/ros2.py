@@ -27,8 +27,8 @@ def matches(text: str) -> bool:
 
 
 def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
-    """Every `positions` list in order, its joints by name; joints that are not the robot's
-    stay as they are.
+    """Every `positions` list in order, its joints by name; joints of other devices do not
+    change.
     """
     reader = _Reader(robot)
     for number, source in enumerate(sources):
@@ -47,7 +47,7 @@ def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
 
 
 class _Reader:
-    """What is found in the texts: positions, and the order of those that are points."""
+    """The contents of the texts: positions, and the order of those that are points."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -119,7 +119,7 @@ class _Reader:
         self.literals.append(literal)
 
     def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> bool:
-        """Take in a point; whether it can be read."""
+        """Add a point; returns whether it can be read."""
         if isinstance(found, str):
             self.literals.append(
                 Literal(JOINT, (), line, name, source=source, not_corrected=found, bad=True)
@@ -132,7 +132,7 @@ class _Reader:
     def _point(
         self, code: str, spans: list[tuple[int, int]], joints: list[str]
     ) -> list[Number] | str:
-        """The numbers in the robot's order, or what is wrong."""
+        """The numbers in the robot's order, or a text that says what is wrong."""
         missing = [joint for joint in self.wanted if joint not in joints]
         if missing:
             near = near_names(missing[0], joints)
@@ -152,7 +152,7 @@ class _Reader:
 
 
 def _measured(code: str, position: int) -> str:
-    """The word of a controller's state that a point stands behind, where it was measured."""
+    """The word of a controller's state before a measured point."""
     found = _MEASURED.search(code, max(0, position - _LOOK_BACK), position)
     return found[1] if found else ""
 

@@ -1,4 +1,4 @@
-"""The routines of a program, followed with everything that their variables can hold."""
+"""The routines of a program, followed with all possible values of their variables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ ROUNDS = 4  # until what is kept, or left by recursion, has settled
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """What an aim can be, a literal or a parameter, with what was found of it so far."""
+    """A possible target of an aim, a literal or a parameter, with what is known of it so far."""
 
     aim: Aim
     move: Move
@@ -40,8 +40,8 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """What a routine leaves in variables, and what it calls with what in those that the
-    callee asks for.
+    """The values of variables after a routine, and its calls with the values of those that the
+    called routine reads.
     """
 
     after: State = field(default_factory=dict)
@@ -52,9 +52,9 @@ class Summary:
 class Routines:
     """One pass over all routines. kept: as in `Variables`.
 
-    nodes      what motions go to
-    summaries  of the routines; order: callees before those that call them
-    remarks    motions to what is not written, and errors
+    nodes      targets of motions
+    summaries  of the routines, called ones before those that call them
+    remarks    motions to targets that are not written, and errors
     edited     literals to which motions go with other components
     """
 
@@ -72,11 +72,11 @@ class Routines:
         self._called = {name for graph in self.graphs.values() for name in _called(graph)}
 
     def run(self) -> State:
-        """Follow every routine, callees first: what variables hold when those that nobody
-        calls have ended.
+        """Follow every routine, called ones first; returns the values of variables after all that
+        nobody calls.
 
-        Where a routine calls itself, what it leaves is at first that of its ways without such a
-        call, and then grows.
+        For a routine that calls itself, only its paths without such a call count at first; then the
+        result grows.
         """
         for _ in range(ROUNDS):
             before = {name: summary.after for name, summary in self.summaries.items()}
@@ -137,7 +137,9 @@ class Routines:
         state: State,
         entry: Callable[[str], Atoms],
     ) -> bool:
-        """Add a state to what may hold where a block begins; whether that changed it."""
+        """Add a state to the possible values at the beginning of a block; returns whether they
+        changed.
+        """
         old = states[number]
         if old is None:
             states[number] = dict(state)
@@ -164,7 +166,7 @@ class Routines:
         routine: Routine,
         summary: Summary,
     ) -> bool:
-        """Take an action in; whether the routine goes on behind it."""
+        """Execute an action; returns whether the routine continues after it."""
 
         def variable(name: str) -> Atoms:
             return state[name] if name in state else entry(name)
@@ -196,7 +198,7 @@ class Routines:
     def _aim(
         self, move: Move, aim: Aim, variable: Callable[[str], Atoms], routine: Routine
     ) -> Atoms:
-        """Note what a motion goes to; where the robot stands then."""
+        """Note the target of a motion; returns the position of the robot afterwards."""
         before, reached, unknown = variable(STANDS), set[Atom](), False
         for atom in self.variables.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
@@ -223,8 +225,8 @@ class Routines:
         return self.variables.joined(STANDS, stands, stands)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
-        """Note a motion to what is not known; the literal that it is an edited copy
-        of is no constant.
+        """Note a motion to an unknown target; the literal of which it is an edited copy is no
+        constant.
         """
         if not unknown.quiet:
             self.remark(move.line, move.name, unknown.why, routine)
@@ -240,7 +242,7 @@ class Routines:
 
 
 def _said(name: str) -> str:
-    """How a routine is called in messages, without the names of its module and text."""
+    """The name of a routine in messages, without its module and text."""
     return name.rpartition("|")[2]
 
 

@@ -1,9 +1,9 @@
-"""Poses that depend on each other: each is solved near the one before, but all in batches.
+"""Poses that depend on each other: each is solved near the previous one, but all in batches.
 
-Newton's method from the solution before decides the branch. Long sequences are cut into parts that
-run in parallel, each from a guess. Then the cuts are checked: where a part would have started
-elsewhere it is solved again, as far as that changes anything. In the end every solution is the one
-reached from the solution before it.
+Newton's method from the previous solution decides the branch. Long sequences are cut into parts
+that are solved in parallel, each from a guess. Then the cuts are checked: a part with another start
+is solved again, as far as that changes anything. In the end every solution is the one from the
+solution before it.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,11 +35,10 @@ class Forest:
 
 
 def forest(before: Sequence[Sequence[int]], fixed: Sequence[bool]) -> Forest:
-    """One parent for each row: the first that can be reached from a row that is fixed, or that
-    has none before it.
+    """One parent for each row: the first that can be reached from a row that is fixed, or that has
+    none before it.
 
-    before: rows that may come before each row. Rows that only come after themselves begin with
-    nothing before them.
+    before: rows that may precede each row. Rows that only follow themselves have no parent.
     """
     count = len(before)
     after: list[list[int]] = [[] for _ in range(count)]
@@ -67,9 +66,9 @@ def forest(before: Sequence[Sequence[int]], fixed: Sequence[bool]) -> Forest:
 
 
 def follow_forest(trees: Forest, q: Array, solver: Solver) -> Array:
-    """Answers (N, n) of all rows: that of a row is the one from its parent's answer.
+    """Solutions (N, n) of all rows: each from the solution of its parent.
 
-    q (N, n): of a row without parent where it starts; elsewhere a guess from which a part begins.
+    q (N, n): the start of a row without parent; otherwise a guess from which a part begins.
     """
     q = q.copy()
     parents, depth = trees.parents, trees.depth

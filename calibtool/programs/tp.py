@@ -45,8 +45,11 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What a motion goes to. kind: `P`, `PR` or `PAL_1`; number: None if a register tells it; text:
-    as it is written.
+    """A target point of a motion.
+
+    kind    `P`, `PR` or `PAL_1`
+    number  None if a register holds it
+    text    as it is written
     """
 
     kind: str
@@ -58,7 +61,7 @@ class Point:
 class Motion:
     """A motion instruction: J, L, C, A or S, its points, and the words of its options in capitals.
 
-    label  where it jumps to if the motion is cut short
+    label  where it jumps if the motion is interrupted
     """
 
     line: int
@@ -106,7 +109,7 @@ def statements(code: str, span: tuple[int, int], lines: LineNumbers) -> Iterator
 
 
 def motion(statement: Statement) -> Motion | None:
-    """The motion that a statement is, if it is one."""
+    """The motion of a statement; None if it is no motion."""
     text = statement.text
     head = _MOTION.match(text)
     if head is None:

@@ -31,8 +31,8 @@ def is_listing(text: str) -> bool:
 
 @dataclass(eq=False)
 class Listed:
-    """What listings give: T_base_frame and T_flange_tool of motion group 1 by kind and number, and
-    turn axes from 0.
+    """The frames of listings: T_base_frame and T_flange_tool of motion group 1 by kind and number,
+    and turn axes from 0.
     """
 
     frames: dict[tuple[str, str], Array] = field(default_factory=dict)
@@ -75,17 +75,17 @@ class Listed:
 
 @lru_cache(maxsize=1000)
 def _frame(kind: str, number: str) -> Frame:
-    """The same frame for all positions that name it: 50,000 of their own are 9 MB."""
+    """The same object for all positions of a frame: 50,000 objects would take 9 MB."""
     return Frame(kind, number)
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Frames or tools by the numbers that positions have, and the one that UFRAME_NUM or
-    UTOOL_NUM selects.
+    """Frames or tools by the numbers of positions, and the one that UFRAME_NUM or UTOOL_NUM
+    selects.
 
-    A position that names its number goes with that frame; the controller refuses it while another
-    one is selected. One that says `F` goes with what is selected.
+    A position with a number is in that frame; the controller refuses it while another one is
+    selected. A position with `F` is in the selected frame.
 
     kind     FRAME or TOOL
     listed   poses of frames by number
@@ -102,7 +102,7 @@ class Selection:
         return f"selected {self.kind}"
 
     def of(self, number: str) -> Value:
-        """The frame of a position that says this number, or `F`."""
+        """The frame of a position with this number, or with `F`."""
         if number == "F":
             return self.variable
         if number == "0":
@@ -114,13 +114,15 @@ class Selection:
         return _frame(self.kind, number) if T is None else frame_of(self.kind, number, T)
 
     def select(self, line: int, text: str) -> Assign:
-        """What `UFRAME_NUM=text` does."""
+        """The effect of `UFRAME_NUM=text`."""
         if text.isdecimal():
             return Assign(line, self.variable, self.of(text.lstrip("0") or "0"))
         name = "UFRAME_NUM" if self.kind == FRAME else "UTOOL_NUM"
         return Assign(line, self.variable, Unknown(f"{name} is told by {text[:30]} (line {line})"))
 
     def called(self, line: int, routine: str) -> Assign:
-        """What the call of a program that is not at hand may do: select anything."""
+        """The possible effect of a call of a program that is not available: it may select any
+        frame.
+        """
         why = f"may be selected by {routine}, which is not at hand (line {line})"
         return Assign(line, self.variable, Unknown(why))

@@ -55,7 +55,7 @@ _LISTED = 5  # lines in a note
 
 
 class Instructions:
-    """A program: its statements, and what comes of them once its positions are read."""
+    """A program: its statements, and their steps once its positions are read."""
 
     def __init__(self, code: str, section: Section, lines: LineNumbers, reader: Positions) -> None:
         self.name, self.source, self.section = section.name, reader.source, section
@@ -73,9 +73,8 @@ class Instructions:
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Frames and tools that are assigned, by kind and number ("" if that is not known),
-        and
-        what to say of them.
+        """Frames and tools that are assigned, by kind and number ("" if that is not known), and the
+        reason to report.
         """
         for one in self.statements:
             for part in parts(one.text) if "[" in one.text else ():
@@ -85,7 +84,7 @@ class Instructions:
                     yield (_kind(match[1]), number), f"it is assigned (line {one.line})"
 
     def select_from(self, frame: Selection, tool: Selection) -> None:
-        """What frames and tools there are."""
+        """Set the frames and tools that exist."""
         self.frame, self.tool = frame, tool
 
     def _relative(self) -> dict[int, int]:
@@ -98,8 +97,8 @@ class Instructions:
         }
 
     def _written(self) -> Iterator[tuple[int, str, int | None]]:
-        """Assignments of positions, also behind a condition: the line, the position, its
-        number if it is known.
+        """Assignments of positions, also after a condition: the line, the position, its number if
+        it is known.
         """
         for one in self.statements:
             for part in parts(one.text) if "=" in one.text else ():
@@ -108,7 +107,7 @@ class Instructions:
                     yield one.line, position, int(match[1]) if match[1] else None
 
     def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
-        """Why positions of this program are none to correct, by their numbers."""
+        """Why positions of this program are not corrected, by their numbers."""
         left = {
             number: f"a relative motion (INC in line {line})" for number, line in relative.items()
         }
@@ -134,7 +133,7 @@ class Instructions:
         return lambda number: left.get(number, "" if number in moved_to else somewhere)
 
     def alone(self, literals: list[Literal]) -> None:
-        """Let positions that no motion goes to be corrected in their own frame."""
+        """Allow positions to which no motion goes to be corrected in their own frame."""
         for one in self.taught.values():
             literal = literals[one.literal]
             if literal.not_corrected in ("", EXTERNAL):
@@ -150,7 +149,7 @@ class Instructions:
     # --- steps ------------------------------------------------------------------------------------
 
     def steps(self, names: Mapping[str, str]) -> Iterator[Step]:
-        """What the statements do, in their order; names: keys of programs that can be called."""
+        """The steps of the statements in order; names: keys of programs that can be called."""
         return _reached(self._steps(names))
 
     def _steps(self, names: Mapping[str, str]) -> Iterator[Step]:
@@ -188,7 +187,7 @@ class Instructions:
         return aim
 
     def _instruction(self, line: int, text: str, names: Mapping[str, str]) -> Iterator[Step]:
-        """What an instruction does that is no motion."""
+        """The effect of an instruction that is no motion."""
         plain = _PLAIN.get(text.upper())
         if plain is not None:
             yield from plain
@@ -223,7 +222,7 @@ class Instructions:
             yield Jump(match[1], always=False)
 
     def _offset(self) -> Iterator[Motion]:
-        """Motions with an offset of their own, or while a sensor or a touch shifts all."""
+        """Motions with their own offset, or in a section where a sensor shifts all of them."""
         shifted = False
         for k, one in enumerate(self.statements):
             found = self.motions.get(k)
@@ -233,9 +232,7 @@ class Instructions:
                 yield found
 
     def notes(self) -> Iterator[str]:
-        """What a reader of the summary has to know: motions whose offsets
-        are not in the program.
-        """
+        """Notes for the summary: motions whose offsets are not in the program."""
         places = [
             (one.line, point)
             for one in self._offset()
@@ -254,8 +251,8 @@ class Instructions:
 
 
 def _reached(steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without those between a jump and the next label or end of a branch:
-    nothing leads there.
+    """The steps without those between a jump and the next label or end of a branch, which are never
+    executed.
     """
     level, dead = 0, -1  # of nested branches; that of the jump, -1 where there was none
     for step in steps:

@@ -21,6 +21,7 @@ _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
 _VALUE = re.compile(r"([A-Z]+\d*)\s*=\s*(\S+?)\s*(mm|deg)?")
+_EXTERNAL = re.compile(r"E([1-9]\d?)")
 _FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
 _CONFIG = re.compile(r"[CK]ONFIG\s*:\s*'([^']*)'")
 _SIX_JOINTS = re.compile(r"\s*([NF])\s*(?:[LR]\s*)?([UD])\s*([TB])\s*((?:,\s*[-+]?\d{1,4}\s*)*)")
@@ -30,8 +31,8 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """A position of a program: number of its literal, and its frame and
-    tool as they are written.
+    """A position of a program: number of its literal, and its frame and tool as they are
+    written.
     """
 
     literal: int
@@ -41,7 +42,7 @@ class Taught:
 
 @dataclass(eq=False)
 class _Group:
-    """What is written of a position for one motion group."""
+    """The contents of a position for one motion group."""
 
     line: int
     end: int = 0  # where its last item begins
@@ -78,7 +79,8 @@ class Positions:
     ) -> dict[int, Taught]:
         """The positions for motion group 1 in a part of the text.
 
-        not_corrected: why one is none to correct, by its number; relative: those that are distances
+        not_corrected: why a position is not corrected, by its number; relative: positions that are
+        distances
         """
         twice = Counter(int(position[1]) for position in _POSITION.finditer(self.code, *span))
         taught: dict[int, Taught] = {}
@@ -153,10 +155,10 @@ class Positions:
         return group
 
     def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
-        """The literal of group 1; not_corrected: why it is none to correct, where
-        it is otherwise in order.
+        """The literal of group 1. not_corrected: why it is not corrected, although it can be
+        read.
         """
-        axes = {key: value for key, value in group.values.items() if key[0] != "E"}
+        axes = {k: value for k, value in group.values.items() if not _EXTERNAL.fullmatch(k)}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}
         numbers: tuple[Number, ...] = ()
@@ -227,15 +229,19 @@ class Positions:
 
 def _beside(group: _Group) -> dict[int, Number | None]:
     """The numbers of a group's external axes."""
-    return {int(key[1:]) - 1: value for key, value in group.values.items() if key[0] == "E"}
+    return {
+        int(axis[1]) - 1: value
+        for key, value in group.values.items()
+        if (axis := _EXTERNAL.fullmatch(key))
+    }
 
 
 def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:
-    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where
-    no file gives it.
+    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where no
+    file gives it.
 
-    Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint
-    1 does not have.
+    Joints 1, 4 and 6; or 4, 5 and 6 where the first number of a program cannot be a turn of joint
+    1.
     """
     pattern = re.compile(r"[CK]ONFIG\s*:\s*'[^',\n]*,\s*([-+]?\d{1,4})\s*,\s*([-+]?\d{1,4})\b")
     numbers = {(int(m[1]), int(m[2])) for code in codes for m in pattern.finditer(code)}

@@ -1,4 +1,4 @@
-"""Programs of controllers in languages that are not read, told by how they begin."""
+"""Programs of controllers in languages that cannot be read, recognised by their beginning."""
 
 import re
 
@@ -19,8 +19,8 @@ _KINDS = {re.compile(begins): what for begins, what in _UNREAD.items()}
 
 
 def unread_program(head: bytes) -> str | None:
-    """What a file is, and what is read instead, where its first bytes are those of a program that
-    is not read; None for all else.
+    """The kind of a file and what can be read instead, if it begins like a program that cannot be
+    read; otherwise None.
     """
     for begins, what in _KINDS.items():
         if begins.match(head):

@@ -97,12 +97,14 @@ def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
 
 @lru_cache(maxsize=1000)
 def _with_threads(tool: Value) -> Product:
-    """A tool that threads may change too; one for all motions: 50,000 of their own are 9 MB."""
+    """A tool that threads may change, too; one object for all motions: 50,000 objects would take 9
+    MB.
+    """
     return Product(TOOL, (tool, _THREADS))
 
 
 class _Script(Positions):
-    """A text, its routines and what is said of it."""
+    """A text, its routines and remarks on it."""
 
     def __init__(
         self, number: int, source: ProgramText, robot: Robot, names: Names, literals: list[Literal]
@@ -112,7 +114,7 @@ class _Script(Positions):
         self.with_tool = self.without_tool = False
 
     def declare(self) -> None:
-        """Take in the names of functions and variables."""
+        """Add the names of functions and variables."""
         self.names.texts = max(self.names.texts, self.number + 1)
         around: list[str] = []
         for statement in statements(self.code):
@@ -138,7 +140,7 @@ class _Script(Positions):
                 self.names.variables.add((self.number, statement.name))
 
     def declare_solved(self) -> None:
-        """Take in the variables that hold joints by get_inverse_kin."""
+        """Add the variables that hold joints by get_inverse_kin."""
         for statement in statements(self.code):
             if statement.word == "assign":
                 key = self.names.variable(self.number, statement.name)
@@ -151,7 +153,7 @@ class _Script(Positions):
     # --- routines ------------------------------------------------------------------------------
 
     def routines(self) -> Iterator[Routine]:
-        """The functions and threads, and what stands outside of them."""
+        """The functions and threads, and the statements outside of them."""
         outside = Function(f"{self.number}", "", 0, ())
         open_: list[tuple[Function, list[Step]]] = [(outside, [])]
         blocks: list[str] = []
@@ -285,7 +287,7 @@ class _Script(Positions):
 
     def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
         """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own
-        span, the tool in force.
+        span, the current tool.
         """
         opening = self._inverse(start, end)
         tool: Value = TCP
@@ -302,13 +304,13 @@ class _Script(Positions):
         return start, end, tool, near
 
     def _inverse(self, start: int, end: int) -> int | None:
-        """Where the parenthesis opens of a call of get_inverse_kin that is the whole expression."""
+        """The opening parenthesis of a call of get_inverse_kin that is the whole expression."""
         found = _IK.match(self.code, start, end)
         return found.end() if found and closing(self.code, found.end()) == end - 1 else None
 
     def _is_moved_to(self, statement: Statement) -> bool:
-        """Whether joints that are solved here start at qnear, or are where the next motion goes:
-        the robot stands there.
+        """Whether joints solved here start at qnear, or are the target of the next motion, which
+        starts where the robot is.
         """
         opening = self._inverse(statement.start, statement.end)
         if opening is None or statement.index:

@@ -1,4 +1,4 @@
-"""Names of URScript: which function or variable a name means at a place."""
+"""Names of URScript: the function or variable to which a name refers at a place."""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +7,9 @@ TCP = "set_tcp"  # sets the tool, and the variable that holds it
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function: its unique name, the one around it, where it is defined, and its parameters."""
+    """A function: its unique name, the function around it, where it is defined, and its
+    parameters.
+    """
 
     key: str
     parent: str
@@ -17,14 +19,12 @@ class Function:
 
 @dataclass(eq=False)
 class Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name
-    from another text.
+    """Names of all scripts, by text and name, and those to which a name of another text may refer.
 
     elements  of lists, by the list's variable
-    called    names that are called in a function, by its unique name
-    solved    variables that hold nothing but joints by get_inverse_kin, which are
-              treated as its pose
-    computed  those that hold something else
+    called    names that a function calls, by its unique name
+    solved    variables that hold only joints by get_inverse_kin, which are treated as its pose
+    computed  variables that hold something else
     """
 
     functions: dict[tuple[int, str], Function] = field(default_factory=dict)
@@ -36,7 +36,7 @@ class Names:
     texts: int = 0
 
     def function(self, text: int, name: str) -> Function | None:
-        """The function that a name means in a text."""
+        """The function of a name in a text."""
         places = [text, *range(self.texts)]
         return next((f for k in places if (f := self.functions.get((k, name)))), None)
 
@@ -53,6 +53,6 @@ class Names:
         return False
 
     def variable(self, text: int, name: str) -> str:
-        """The variable that a name means in a text."""
+        """The variable of a name in a text."""
         places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
         return f"{places[0] if places else text}|{name}"

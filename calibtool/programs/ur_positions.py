@@ -42,7 +42,8 @@ _DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
 class Positions:
     """A text and the positions found in it.
 
-    number    of the text; literals: of the whole program
+    number    of the text
+    literals  of the whole program
     function  around the statement that is read
     """
 
@@ -69,16 +70,14 @@ class Positions:
         return value if isinstance(value, Unknown) else Product(TOOL, (value,))
 
     def key(self, name: str) -> str:
-        """The variable that a name means here: a parameter of the
-        function, or one of the script.
-        """
+        """The variable of a name here: a parameter of the function, or a variable of the script."""
         if name in self.function.parameters:
             return f"{self.function.key}|{name}"
         return self.names.variable(self.number, name)
 
     def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """What an expression is: a position that is written, a variable, or unknown.
-        told: in a motion.
+        """The value of an expression: a written position, a variable, or unknown. told: in a
+        motion.
         """
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
@@ -138,7 +137,7 @@ class Positions:
         return len(self.literals) - 1
 
     def _numbers(self, start: int, end: int, units: Sequence[str]) -> list[Number] | str:
-        """The numbers of a list in brackets, or what is none."""
+        """The numbers of a list in brackets, or the element that is no number."""
         parts = elements_of(self.code, start, end)
         if len(parts) != len(units):
             return f"{len(parts)} values"
@@ -158,7 +157,7 @@ class Positions:
         return found
 
     def others(self) -> None:
-        """Poses that stand in something else than assignments and motions that are known."""
+        """Poses outside of the assignments and motions that are known."""
         aims = {found[1] for found in MOVED_TO.finditer(self.code)}
         for found in _SHAPE.finditer(self.code):
             if found.start() not in self._taken:
@@ -177,11 +176,10 @@ class Positions:
 
 
 def _is_place(before: str, aims: Container[str]) -> bool:
-    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims:
-    words in motions.
+    """Whether a motion goes to a pose, and does not use it as an offset.
 
-    An offset is what is added to a pose that is read, written or moved to itself; in any other
-    variable, a feature, the pose is a place.
+    before: the line up to it; aims: words in motions. An offset is added to a pose that is read,
+    written or the target of a motion. In any other variable, a feature, the pose is a place.
     """
     call = _LAST_CALL.search(before)
     assigned = re.match(r"\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", before)

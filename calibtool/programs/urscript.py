@@ -116,7 +116,7 @@ def _value(node: ast.expr) -> float | None:
 
 
 def _line_end(code: str, position: int) -> int:
-    """Where the line ends in which a statement begins: brackets may reach over several."""
+    """The end of the line in which a statement begins; brackets may extend over several lines."""
     while True:
         found = _STOP.search(code, position)
         if found is None:
@@ -152,7 +152,7 @@ def _line(code: str, position: int, end: int) -> Iterator[Statement]:
 
 
 def _colon(code: str, position: int, end: int) -> int:
-    """Behind the colon that ends the head of a block."""
+    """The position after the colon that ends the head of a block."""
     while True:
         found = _COLON.search(code, position, end)
         if found is None or found[0] in "\n\r":

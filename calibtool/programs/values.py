@@ -1,4 +1,4 @@
-"""Sets of values that variables of a program can hold, and values computed from them."""
+"""Sets of possible values of a program's variables, and values computed from them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ MANY = Unknown("takes too many different values")
 
 
 def joined(one: Atoms, other: Atoms) -> Atoms:
-    """Values of either set."""
+    """The union of both sets of values."""
     if one is other or not other:
         return one
     if not one:
@@ -43,7 +43,7 @@ def joined(one: Atoms, other: Atoms) -> Atoms:
 
 
 def _few(atoms: Atoms) -> Atoms:
-    """The set, with MANY in place of values that are no literals if there are too many of those."""
+    """The set; with too many values that are no literals, MANY replaces those."""
     if len(atoms) > _DIFFERENT or MANY in atoms:
         literals = frozenset(atom for atom in atoms if isinstance(atom, int))
         if MANY in atoms or len(atoms) - len(literals) > _DIFFERENT:
@@ -53,13 +53,14 @@ def _few(atoms: Atoms) -> Atoms:
 
 @dataclass(eq=False)
 class ValueAnalysis:
-    """Values of variables and of what is made of them.
+    """Values of variables and of expressions.
 
-    literals  positions by their numbers; frames: those that are used as frames or tools
-    given    frames and tools by name, which win over those that the program declares
-    owners   of each literal the variables that it is assigned to
-    spoiled  literals that are no constants, because a component of such a variable, or of a copy,
-             is assigned, and why
+    literals  positions by their numbers
+    frames    positions that are used as frames or tools
+    given     frames and tools by name, which take precedence over those of the program
+    owners    of each literal the variables to which it is assigned
+    spoiled   literals that are no constants because a component of such a variable, or of a copy,
+              is assigned, and why
     """
 
     literals: Sequence[Literal]
@@ -72,7 +73,7 @@ class ValueAnalysis:
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
-        """What a value can be; variable: what one can hold."""
+        """The possible values of a value; variable: of a variable."""
         if isinstance(value, str):
             return variable(value)
         if isinstance(value, Entry):
@@ -96,7 +97,7 @@ class ValueAnalysis:
         return _few(frozenset(found))
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
-        """The values with those of the routine's beginning put in."""
+        """The values with those of the routine's beginning inserted."""
         if atoms not in self._pending:
             self._pending[atoms] = any(isinstance(a, Entry | Product | Edited) for a in atoms)
         if not self._pending[atoms]:
@@ -108,8 +109,8 @@ class ValueAnalysis:
         return result
 
     def _known(self, frame: Frame) -> Frame:
-        """A frame with the pose that is given for it, if one is and the program has
-        not set it since.
+        """A frame with the pose that is given for it, if there is one and the program has not set
+        it since.
         """
         given = self.given.frames if frame.kind == FRAME else self.given.tools
         if frame.values is not None and (frame.line or frame.name not in given):

@@ -20,9 +20,9 @@ State = dict[str, Atoms]
 class Variables:
     """Variables of a program whose routines have these blocks.
 
-    kept      what variables may hold at the beginning beside what is declared
-    assigned  what is assigned to variables somewhere, without those that hold one
-              literal all the time
+    kept      possible values at the beginning besides the declared ones
+    assigned  values that are assigned to variables somewhere, without variables that always hold
+              one literal
     """
 
     def __init__(
@@ -34,8 +34,8 @@ class Variables:
         self._beginning: dict[str, Atoms | None] = {}
 
     def _assigned(self, graphs: Iterable[list[Block]]) -> dict[str, list[Value]]:
-        """What is assigned to variables somewhere, without those that hold one
-        literal all the time.
+        """Values that are assigned to variables somewhere, without variables that always hold one
+        literal.
         """
         found: dict[str, list[Value]] = {}
         parameters: set[str] = set()
@@ -71,8 +71,8 @@ class Variables:
         return [self.program.declared[name]] if name in self.program.declared else []
 
     def begin(self, name: str) -> Atoms:
-        """What a variable holds where the program begins, all the time if nothing
-        is assigned to it.
+        """The value of a variable at the beginning of the program; it is constant if nothing is
+        assigned.
         """
         known = self._beginning.get(name, frozenset())
         if known:
@@ -89,8 +89,8 @@ class Variables:
         return result
 
     def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
-        """What a variable can hold if it is either; literals of a variable with very many
-        are no constants.
+        """The possible values of both. Literals of a variable with very many values are no
+        constants.
         """
         both = joined(one, other)
         if len(both) <= BEFORE or (name != STANDS and len(both) <= _POSITIONS):

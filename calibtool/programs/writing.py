@@ -23,14 +23,14 @@ _TURNED = "a joint passes into another turn: its configuration data are changed 
 
 @dataclass(frozen=True, eq=False)
 class NewPositions:
-    """What positions become.
+    """The new positions.
 
     found       (N) the positions, with their frames and tools
     q, q_new    (N, n) nominal and corrected joint positions of the chain, rad or m
     T           (N, 4, 4) T_base_tool by which the controller reaches the corrected joints, m
     T_nominal   (N, 4, 4) T_base_tool of the nominal robot at q, m
     status      (N,) of the compensation
-    guessed     (N,) whether nothing tells the branch
+    guessed     (N,) whether the branch is not known
     """
 
     found: list[Position]
@@ -45,9 +45,9 @@ class NewPositions:
 class Writing:
     """The corrected texts, and what is found while they are written.
 
-    changed    numbers of the literals that have other numbers now
-    largest_m, largest_rad   the largest change: of the nominal tool's place, and of a joint
-    looks      corrected positions that need a look
+    changed    numbers of the literals that have new numbers
+    largest_m, largest_rad   the largest change: of the nominal tool's position, and of a joint
+    looks      corrected positions that should be checked
     """
 
     def __init__(self, program: Program, controller: Controller, new: NewPositions) -> None:
@@ -78,8 +78,8 @@ class Writing:
             yield corrected.getvalue()
 
     def _numbers(self) -> Array:
-        """What to write: joints as the controller shows them, or poses in their frames, (N, 7)
-        with zeros behind.
+        """The numbers to write: joint values of the controller, or poses in their frames, (N, 7)
+        padded with zeros.
         """
         literals = [self.program.literals[position.literal] for position in self.new.found]
         joints = self.controller.to_controller(self.new.q_new)
@@ -96,7 +96,7 @@ class Writing:
         return result
 
     def _edits(self, row: int, numbers: Array, text: str) -> list[tuple[int, int, str]]:
-        """What changes in the text of one position, in order."""
+        """The changes in the text of one position, in order."""
         number = self.new.found[row].literal
         literal = self.program.literals[number]
         turned = np.abs(self.new.q_new[row] - self.new.q[row])
@@ -123,8 +123,8 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are not
-        for the corrected joints.
+        """Configuration data to change: those that were right and are wrong for the corrected
+        joints.
         """
         data = literal.configuration
         arm = self.controller.robot.arm

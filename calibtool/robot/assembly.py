@@ -27,17 +27,17 @@ def closed_configuration(
 ) -> Array:
     """The closed configuration (J,) next to the given one, with the actuated joints as given.
 
-    Raises InputError if it is not next to it.
+    Raises InputError where there is none next to it.
     """
     start = tree.closed_at.copy()
     for follower in tree.followers:
         start[follower.joint] = follower.factor * start[follower.leader] + follower.offset
     free = np.arange(tree.joints) >= tree.n
-    theta, left = _nearest_closed(mechanism, tree, start, free)
+    theta, residual = _nearest_closed(mechanism, tree, start, free)
     scale = tree.joint_scale
-    if not left < _CLOSED:
-        anywhere, still = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
-        if still < _CLOSED:
+    if not residual < _CLOSED:
+        anywhere, lowest = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
+        if lowest < _CLOSED:
             check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
         raise InputError(
             f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
@@ -73,11 +73,11 @@ def outside_limits(tree: Tree, theta: Array) -> np.ndarray:
 
 
 def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
-    """A closed configuration (J,) where nobody chose one; None where none is found.
+    """A closed configuration (J,) where the description states none; None where none is found.
 
-    The one next to `closed_at` with the actuated joints there; else with all joints free, from
-    there and from random starts ever farther away, inside of the limits of the joints.
-    One at which these hold the passive joints is taken before any other.
+    First the one next to `closed_at` with the actuated joints fixed; then, with all joints free,
+    from there and from random starts at increasing distance, inside the limits of the joints. A
+    configuration at which the actuated joints determine the passive ones is preferred.
     """
     rng, n, found = np.random.default_rng(0), tree.n, None
     low, high = (
@@ -87,10 +87,10 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
         spread = max(0, k - 1) / _STARTS  # ever farther away
         start = tree.closed_at + spread * (rng.uniform(low, high) - tree.closed_at)
         free = np.arange(tree.joints) >= (0 if k else n)
-        theta, left = _nearest_closed(mechanism, tree, start, free)
+        theta, residual = _nearest_closed(mechanism, tree, start, free)
         turned = (theta + np.pi) % (2 * np.pi) - np.pi
         theta = np.where(tree.slides | (np.abs(theta) <= np.pi), theta, turned)
-        if left < _CLOSED and not outside_limits(tree, theta).any():
+        if residual < _CLOSED and not outside_limits(tree, theta).any():
             C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None]
             sizes, held = (
                 np.linalg.svd(part, compute_uv=False)
@@ -106,24 +106,24 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
 def _nearest_closed(
     mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
 ) -> tuple[Array, float]:
-    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r| left,
-    in rad.
+    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest
+    remaining |r|, in rad.
     """
     theta = theta.copy()
     scale = np.where(free, tree.joint_scale, 0.0)
-    left = np.inf
+    residual = np.inf
     for _ in range(_STEPS):
         at = _equations(mechanism, theta)
         r = at.residual[0] * tree.row_scale
-        left = float(np.abs(r).max(initial=0.0))
-        if left < 1e-14:
+        residual = float(np.abs(r).max(initial=0.0))
+        if residual < 1e-14:
             break
         step = -np.linalg.lstsq(at.columns[0] * tree.row_scale[:, None] * scale, r, rcond=1e-9)[0]
         size = float(np.abs(step).max(initial=0.0))
         theta += step * scale * min(1.0, 0.2 / max(size, 1e-300))
         if size < 1e-13:
             break
-    return theta, left
+    return theta, residual
 
 
 def _equations(mechanism: ClosedMechanism, theta: Array) -> Closure:
@@ -133,7 +133,7 @@ def _equations(mechanism: ClosedMechanism, theta: Array) -> Closure:
 
 
 def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
-    """The loop that is farthest from closed at θ (J,), and by how much, in words."""
+    """The loop with the largest opening at θ (J,), and the opening, in words."""
     at = _equations(mechanism, theta)
     r = at.residual[0]
     sizes = [float(np.abs((r * tree.row_scale)[rows]).max()) for rows in tree.row_blocks]
@@ -148,8 +148,8 @@ def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
 
 
 def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sample]:
-    """Derivatives at closed configurations near θ (J,), which are found by moving along what C
-    leaves free.
+    """Derivatives at closed configurations near θ (J,), found by moving along the null space of
+    C.
     """
     rng, row = np.random.default_rng(0), np.zeros(1, dtype=int)
     everything, scale = np.ones(tree.joints, dtype=bool), tree.joint_scale
@@ -163,8 +163,8 @@ def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list
             null = vt[rank:]
             move = rng.uniform(-1.0, 1.0, len(null)) @ null
             move *= _APART / max(float(np.abs(move).max(initial=0.0)), 1e-300)
-            at, left = _nearest_closed(mechanism, tree, theta + move * scale, everything)
-            if not left < _CLOSED:
+            at, residual = _nearest_closed(mechanism, tree, theta + move * scale, everything)
+            if not residual < _CLOSED:
                 continue
         passive = at[None, tree.passive]
         ends, jacobian, equations = mechanism.equations(at[None], row)(row, passive)

@@ -1,5 +1,5 @@
-"""A mechanism with closed loops over its actuated joints: Newton's method on closure, then what its
-tree gives (docs/closed-loops.md).
+"""A mechanism with closed loops as a function of its actuated joints: Newton's method on closure,
+then the kinematics of its tree (docs/closed-loops.md).
 """
 
 from collections.abc import Callable, Iterator
@@ -12,11 +12,11 @@ import pinocchio as pin
 
 from calibtool.robot.closure import Closure, closure
 from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
-from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
 from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
+from calibtool.robot.singularity import at_point
 
 _STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
 _TOGETHER = 1024  # rows: their numbers stay in the processor's cache
@@ -28,17 +28,16 @@ class ClosedMechanism(Mechanism):
     joints.
 
     For q the passive joints solve r(q, θ_p) = 0 (`closure`), on the assembly mode of the
-    description. A row for which they do not is NaN in every answer; `closes` tells. A row's answer
-    does not depend on the rows beside it.
+    description. A row without a solution is NaN in every result; `closes` tells which rows have
+    one. The result of a row does not depend on other rows.
 
     placements  (J + 2L + 1, 4, 4): M_i of the joints, poses of the cut frames A, B of every loop on
-                the joints that carry them, and of the tool; (N, …) where they change from row to
-                row
+                their joints, and of the tool; (N, …) where they change from row to row
     offsets     (n,) δq of the actuated joints, rad or m; a passive joint has none
     screws      (J) the joints, in the numbering of `tree`
-    tree        how they hang together
-    starts      closed configurations of the nominal mechanism, from which Newton starts; made when
-                first asked for
+    tree        how the joints are connected
+    starts      closed configurations of the nominal mechanism, from which Newton's method starts;
+                computed at first use
     """
 
     tree: Tree
@@ -104,11 +103,11 @@ class ClosedMechanism(Mechanism):
         return pose, jacobian
 
     def frames(self, q: Array) -> Frames:
-        """Every frame for q (N, n), and what a twist of it does to the tool (`Frames.transfer`).
+        """Every frame for q (N, n), and the effect of its twist on the tool (`Frames.transfer`).
 
-        NaN for rows that do not close. With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ the transfer is
-        H_i = s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ for the cut frame A and −K_ℓ for B, and
-        I for the tool.
+        NaN for rows that do not close. With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ the transfer is H_i =
+        s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ for the cut frame A and −K_ℓ for B, and I for
+        the tool.
         """
         tree = self.tree
         parts = []
@@ -148,9 +147,8 @@ class ClosedMechanism(Mechanism):
         return np.asarray((within & np.isfinite(theta))[:, rows].all(axis=-1))
 
     def gain(self, pose: Array, jacobian: Array) -> Array:
-        """Size of J (N,), at the tool point and in rad: it grows without bound towards a
-        singularity
-        of the passive joints (type 2).
+        """Size of J (N,), at the tool point and in rad. It grows without bound towards a
+        singularity of the passive joints (type 2).
 
         pose (N, 4, 4) and jacobian (N, 6, n) as of `forward_and_jacobian`.
         """
@@ -160,8 +158,9 @@ class ClosedMechanism(Mechanism):
         return size
 
     def joints(self, q: Array) -> Array:
-        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not "
-        "close."""
+        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not
+        close.
+        """
         theta = np.empty((len(q), self.tree.joints))
         for rows, closed in self._parts(q):
             theta[rows] = np.where(closed.ok[:, None], closed.theta, np.nan)
@@ -179,7 +178,7 @@ class ClosedMechanism(Mechanism):
         return result
 
     def by_actuators(self, torques: Array, q: Array) -> Array:
-        """Torques of the tree's joints (N, nv) in the model's order as those of the actuators:
+        """Torques of the tree's joints (N, nv) in the model's order as torques of the actuators:
         (∂θ/∂q)ᵀ τ, (N, n).
         """
         work: Array = np.einsum("njk,nj->nk", self.slopes(q), torques[:, self.model_joints])
@@ -236,8 +235,8 @@ class ClosedMechanism(Mechanism):
         return at
 
     def _tool(self, closed: Closing) -> Array:
-        """T_base_tool, after the last step of the passive joints, which is smaller than what could
-        be seen of its square.
+        """T_base_tool, after the last step of the passive joints; the square of this step is
+        negligible.
         """
         tree = self.tree
         ends = poses_of(closed.ends[:, -1])
@@ -252,7 +251,7 @@ class ClosedMechanism(Mechanism):
         return np.swapaxes(jacobian * self.tree.tool_support[:, None], 1, 2)
 
     def _influence(self, jacobian: Array, equations: Closure) -> Array:
-        """Λ = J_p C_p⁻¹, what an open equation does to the tool: (N, 6, p)."""
+        """Λ = J_p C_p⁻¹, the effect of an open equation on the tool: (N, 6, p)."""
         passive = self.tree.passive
         C_p, at_tool = equations.columns[:, :, passive], self._at_tool(jacobian)[:, :, passive]
         return np.swapaxes(solved(np.swapaxes(C_p, 1, 2), np.swapaxes(at_tool, 1, 2)), 1, 2)

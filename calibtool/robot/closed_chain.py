@@ -25,12 +25,12 @@ class ClosedChain:
     passive, then idle ones.
 
     bodies       names, inertias and gravity, of all J joints
-    placements   (J + 2L + 1, 4, 4): M_i of every joint on the one that carries it, the cut frames A
-                 and B of every loop, tool
+    placements   (J + 2L + 1, 4, 4): M_i of every joint on its parent, the cut frames A and B of
+                 every loop, tool
     twists       (J, 6) unit twists of the joints in their own frames
     lower, upper (n,) limits of the actuated joints, rad or m
-    limited_by   (n,) where they come from
-    tree         how they hang together
+    limited_by   (n,) source of the limits
+    tree         how the joints are connected
     mobility     independent motions of all joints together
     """
 

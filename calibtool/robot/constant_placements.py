@@ -66,10 +66,10 @@ def chain_urdf(
 
 
 def near_frames(steps: Sequence[Sequence[Step]]) -> list[list[Step]]:
-    """The same chain with the frame of each z axis at the point nearest to the frame before it.
+    """The same chain with the frame of each z axis at the point nearest to the previous frame.
 
-    The common normal of axes that are nearly parallel is far away, and lengths to it are no lengths
-    of links. A chain that is hardly shorter afterwards stays as it is.
+    The common normal of nearly parallel axes is far away, so that distances to it are no lengths of
+    links. A chain that does not become shorter by this is not changed.
     """
     moved, before, lengths, shift = [], 0.0, 0.0, 0.0
     for k, product in enumerate(steps):

@@ -1,4 +1,6 @@
-"""What a file of a robot is, told by its contents; and every kind but robot.toml as a URDF."""
+"""The kind of a robot's file, recognised by its contents; conversion of every kind but robot.toml
+to a URDF.
+"""
 
 import re
 from pathlib import Path
@@ -75,7 +77,9 @@ _MACRO = re.compile(r"\$\{|\$\(")
 
 
 def told(data: bytes, path: Path) -> tuple[Kind, str]:
-    """What the bytes of a file are, and its text. InputError, saying what it is, for no robot."""
+    """The kind of a file with these bytes, and its text. InputError that names the kind where it is
+    no robot.
+    """
     place = str(path)
     if is_xml(data):
         return _told_xml(decoded_xml(data, place), place)

@@ -1,4 +1,6 @@
-"""Newton's method on closed loops, and the way to rows that are far from what is closed already."""
+"""Newton's method on closed loops, and continuation to rows far from known closed
+configurations.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,11 +31,11 @@ _OF_WAY = 0.5  # and so does one that is larger than this part of the way
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """Where Newton's method stands for N rows.
+    """State of Newton's method for N rows.
 
     theta     (N, J) all joints, rad or m, after the last step
     ok        (N,) whether the loops are closed there
-    last      (N, p) the last step of the passive joints, which the other fields do not know of
+    last      (N, p) the last step of the passive joints, which the other fields do not include
     ends      (N, 2L + 1, 4, 3) cut frames and tool
     jacobian  (N, J, 6) spatial columns of the joints
     follow    (N, p, n) ∂θ_p/∂q = −C_p⁻¹ C_a
@@ -73,11 +75,11 @@ def newton(
     reach: Array,
     sign: float | None = None,
 ) -> Closing:
-    """Close the loops from θ (N, J), whose actuated joints stay; rows are their numbers (N,).
+    """Close the loops from θ (N, J), with the actuated joints fixed; rows are their numbers (N,).
 
-    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where
-    it started, and where det C_p has not this sign: beyond a singularity of the passive joints the
-    mechanism is assembled in another way.
+    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from its
+    start, and where det C_p has the other sign: beyond a singularity of the passive joints the
+    mechanism is in another assembly mode.
     """
     found = Closing.of(tree, theta)
     at = equations(theta, rows)
@@ -117,8 +119,8 @@ def advanced(
     steps: int,
     sign: float | None,
 ) -> Closing:
-    """Close the loops at q (N, n) by way of closed configurations from θ = begin (N, J), which need
-    not be closed quite.
+    """Close the loops at q (N, n) through closed configurations from θ = begin (N, J), which may be
+    slightly open.
     """
     found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP), sign)
     way = q - begin[:, : tree.n]
@@ -166,14 +168,14 @@ class Starts:
     the actuated joints.
 
     They are reached from the closed configuration of the description, cell by cell, near the
-    straight way to each. A cell that is not reached has the start of the nearest one that is.
+    straight line to each. A cell that is not reached has the start of the nearest one that is.
 
     tree   the mechanism's
     theta  (k, J) closed configurations, rad or m
     follow (k, p, n) ∂θ_p/∂q there
     curve  (k, p, n n) half of its own derivative
     sign   of det C_p on this assembly mode
-    cells  (c_1, …, c_n) which of them a cell has
+    cells  (c_1, …, c_n) the number of the start of each cell
     """
 
     tree: Tree
@@ -243,8 +245,9 @@ class Starts:
         return begin, near
 
     def reach(self, begin: Array, near: Array) -> Array:
-        """How far from their predictions (N, J) closed configurations may be: (N,), see "
-        "`newton`."""
+        """Largest allowed distance of closed configurations from their predictions (N, J): (N,),
+        see `newton`.
+        """
         moved = near - begin
         return _reach(self.tree, moved[:, : self.tree.n], moved[:, self.tree.passive])
 

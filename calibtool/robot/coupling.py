@@ -1,6 +1,6 @@
-"""Coupled joint values: a controller may show positions that are not those of the serial chain.
+"""Coupled joint values: a controller may show other positions than those of the serial chain.
 
-Whoever reads or writes joint values of such a robot has to know which ones they are; nothing is
+Whoever reads or writes joint values of such a robot has to state which ones they are; nothing is
 assumed.
 """
 
@@ -67,11 +67,11 @@ def coupling_text(coupling: Array) -> str:
 
 
 def settled_values(coupling: Array, place: str, *stated: JointValues | None) -> JointValues:
-    """Whose joint values these are, by what a header and an option say of them (None: nothing).
+    """The kind of joint values, by a header and an option (None: not stated).
 
-    coupling (n, n) as in `coupling_matrix`. Where both kinds are the same, nothing has to be said.
-    Raises UsageError with `place` where they differ and nothing is stated, or header and option
-    contradict each other.
+    coupling (n, n) as in `coupling_matrix`. Nothing needs to be stated where both kinds are equal.
+    Raises UsageError with `place` where they differ and nothing is stated, or where header and
+    option contradict each other.
     """
     words = [word for word in stated if word is not None]
     if np.array_equal(coupling, np.eye(len(coupling))):

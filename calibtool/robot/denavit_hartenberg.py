@@ -90,9 +90,9 @@ def is_dh(text: str) -> bool:
 
 
 def dh_text(text: str, name: str) -> DhText:
-    """A CSV of DH parameters; lines that start with # are passed over.
+    """A CSV of DH parameters; lines that start with # are skipped.
 
-    InputError for a repeated column, or a row that is no row of it.
+    InputError for a repeated column, or a row with another number of cells.
     """
     lines = text.removeprefix("\ufeff").splitlines()
     filled = [k for k, line in enumerate(lines) if line.strip(",;\t ") and not line.startswith("#")]
@@ -200,7 +200,7 @@ def steps_of(table: DhTable, convention: DhConvention) -> list[list[Step]]:
 
 
 def _parts(row: DhRow, convention: DhConvention) -> tuple[list[Step], list[Step]]:
-    """What a row places before the joint's own motion about z, and what behind it."""
+    """Placements of a row before and after the joint's own motion about z."""
     if convention == "standard":
         return [Step(rpy=(0.0, 0.0, row.theta))], [Step((row.a, 0.0, row.d), (row.alpha, 0.0, 0.0))]
     return [

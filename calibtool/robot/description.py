@@ -169,11 +169,10 @@ class Mounting(_Strict):
 
 
 class ControllerTable(_Strict):
-    """What is known of this robot's controllers: that they compute poses with a calibration of each
-    arm, made in the factory.
+    """Whether controllers of this robot compute poses with a factory calibration of each arm.
 
-    `always`: every one does; `optional`: those for which it was bought. `reason` says so in a few
-    words.
+    `always`: every one does; `optional`: those for which it was bought. `reason` explains it in a
+    few words.
     """
 
     factory_calibration: Literal["always", "optional"]

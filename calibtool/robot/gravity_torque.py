@@ -49,7 +49,7 @@ def gravity_model(robot: Robot) -> pin.Model:
 
 
 def _add_links(model: pin.Model, mechanism: ClosedMechanism) -> None:
-    """Uniform links of 1 kg/m from every joint to what it carries."""
+    """Uniform links of 1 kg/m from every joint to the next ones."""
     placed_on, ids = mechanism.tree.placed_on, mechanism.model_joints
     for carrier, placement in zip(placed_on, mechanism.placements, strict=True):
         link = placement[:3, 3]
@@ -70,8 +70,7 @@ def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 def weight_moments(robot: Robot, frames: Frames) -> Array:
-    """Moments of the weight of what each joint carries about the origin of F0_j, in K_0: (N, n, 3)
-    N m."""
+    """Moments of the weight beyond each joint about the origin of F0_j, in K_0: (N, n, 3) N m."""
     masses, centres, gravity = link_masses(robot)
     after = frames.after
     first = (after[..., :3, :3] @ centres[..., None])[..., 0] + after[..., :3, 3]
@@ -81,8 +80,7 @@ def weight_moments(robot: Robot, frames: Frames) -> Array:
 
 
 def load_carrying(robot: Robot) -> np.ndarray:
-    """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,)
-    bool."""
+    """Revolute joints with a static torque of at least 2 % of the largest joint's: (n,) bool."""
     return _reaching(robot, _CARRIES_LOAD)
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.inverse_starts import drawn, starts_of
 from calibtool.robot.reach import excluded
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
+from calibtool.robot.singularity import at_point, scale_rows
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 
@@ -123,22 +123,19 @@ def inverse_kinematics(
     target: Array,
     q_seed: Array | None = None,
     *,
-    rng: np.random.Generator | None = None,
     starts: int = 100,
-    tolerance: float | None = None,
 ) -> InverseResult:
     """Joint positions of the nominal robot within its limits for T_base_tool (N, 4, 4) in K_0.
 
     q_seed (N, n) or (n,): start of the iteration, which stays on its branch if possible; without a
     seed any branch is returned. Rows that do not converge are started again, up to `starts` times,
-    first from joint positions whose poses are near, then from random ones of `rng` (a fixed one by
-    default), unless `excluded` shows that there is no solution. Angles are returned within half a
-    turn of the seed (or of 0) where the limits allow it. tolerance (rad, or characteristic
-    lengths): 1e-8 by default, 1e-5 for n < 6, because a pose written with six digits is that far
+    first from joint positions whose poses are near, then from random ones, unless `excluded` shows
+    that there is no solution. Angles are returned within half a
+    turn of the seed (or of 0) where the limits allow it. The tolerance (rad, or characteristic
+    lengths) is 1e-8, for n < 6 1e-5, because a pose written with six digits is that far
     from the poses that the robot can take.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
-    tolerance = (1e-8 if robot.n >= 6 else 1e-5) if tolerance is None else tolerance
+    rng, tolerance = np.random.default_rng(0), 1e-8 if robot.n >= 6 else 1e-5
     seed = np.zeros(robot.n) if q_seed is None else np.clip(q_seed, robot.lower, robot.upper)
     seed = np.broadcast_to(seed, (len(target), robot.n))
 
@@ -219,8 +216,8 @@ def _bounded_step(
     upper: Array,
     again: int = 2,
 ) -> Array:
-    """A damped step in which the joints that stand at a limit and would leave it keep still, looked
-    for `again` times.
+    """A damped step in which joints at a limit that would leave it are fixed; these joints are
+    determined in `again` rounds.
     """
     step = _damped_step(jacobian, error, caution)
     held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))

@@ -1,5 +1,5 @@
-"""How the joints of a mechanism with closed loops hang together: a tree, the frames that join it to
-loops, mimic joints.
+"""Structure of a mechanism with closed loops: a tree, the cut frames that join it to loops, mimic
+joints.
 """
 
 from dataclasses import dataclass
@@ -47,13 +47,12 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """J joints, numbered: n actuated ones in the order of q, p passive ones, idle ones that stand
-    still.
+    """J joints, numbered: n actuated ones in the order of q, p passive ones, then idle ones that do
+    not move.
 
-    parents      (J,) the joint before, −1 for the base
-    carriers     (2L,) the joint that carries each cut frame: A and B of the first loop, of the
-                 second …
-    tool         the joint that carries the tool
+    parents      (J,) the previous joint, −1 for the base
+    carriers     (2L,) the joint of each cut frame: A and B of the first loop, of the second …
+    tool         the joint of the tool
     n, p         numbers of actuated and of passive joints; p is the number of equations
     loops        (L) the cut joints
     followers    mimic joints, which are passive
@@ -88,7 +87,7 @@ class Tree:
 
     @cached_property
     def order(self) -> list[int]:
-        """The joints, each after the one that carries it."""
+        """The joints, each after its parent."""
         order: list[int] = []
         waiting = list(range(self.joints))
         while waiting:
@@ -98,7 +97,7 @@ class Tree:
         return order
 
     def support(self, joint: int) -> Array:
-        """Which joints move what a joint carries: (J,) of 0 and 1."""
+        """Which joints move the frame of a joint: (J,) of 0 and 1."""
         moves = np.zeros(self.joints)
         while joint >= 0:
             moves[joint] = 1.0
@@ -131,21 +130,21 @@ class Tree:
 
     @cached_property
     def row_scale(self) -> Array:
-        """What makes an equation one of rad: 1/length for a translation (p,)."""
+        """Factor that converts an equation to rad: 1/length for a translation (p,)."""
         rows = [1.0 / self.length if row < 3 else 1.0 for loop in self.loops for row in loop.rows]
         rows += [1.0 / self.length if self.slides[f.joint] else 1.0 for f in self.followers]
         return np.array(rows)
 
     @cached_property
     def joint_scale(self) -> Array:
-        """What a motion of one rad is in the unit of each joint: the length for a slide, 1 for a
-        turn (J,).
+        """A motion of one rad in the unit of each joint: the length for a slide, 1 for a rotation
+        (J,).
         """
         return np.where(self.slides, self.length, 1.0)
 
     @property
     def placed_on(self) -> tuple[int, ...]:
-        """The joint that carries each placement: of the joints, of the cut frames, of the tool; −1
-        for the base.
+        """The joint of each placement: of the joints, of the cut frames, of the tool; −1 for the
+        base.
         """
         return (*self.parents, *self.carriers, self.tool)

@@ -1,7 +1,7 @@
-"""XML from outside: bytes → text by the declared encoding → a tree.
+"""XML files: bytes → text by the declared encoding → a tree.
 
-This one parser decides what a file says. Names keep their prefixes as they are written, whether
-these are declared or not.
+This parser alone decides what a file contains. Names keep their prefixes as they are written,
+whether these are declared or not.
 """
 
 import codecs

@@ -51,9 +51,8 @@ class Frames:
 
     @property
     def placed(self) -> Array:
-        """The frames that placements put somewhere (N, n + 2L + 1, 4, 4).
-
-        Those before the joints, the cut frames, the tool.
+        """The frames of the placements (N, n + 2L + 1, 4, 4): those before the joints, the cut
+        frames, the tool.
         """
         parts = [self.before, *([] if self.cuts is None else [self.cuts]), self.tool[:, None]]
         return np.concatenate(parts, axis=1)
@@ -68,21 +67,21 @@ class Frames:
         return origins[:, np.array(placed_on) + 1], self.placed[:, :, :3, 3]
 
     def seen(self, twists: Array, joints: slice = slice(None)) -> Array:
-        """Twists (N, k, 6, …) of the placed frames (`joints` of them) as the tool takes them."""
+        """Twists (N, k, 6, …) of the placed frames (`joints` of them), transferred to the tool."""
         return twists if self.transfer is None else self.transfer[:, joints] @ twists
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7),
-    nominal or with errors.
+    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with
+    errors.
 
-    Pinocchio computes every row; a row's answer does not depend on the rows beside it.
+    Pinocchio computes every row; the result of a row does not depend on other rows.
 
-    model       the chain as a Pinocchio model; `configuration` turns joint positions
-                into its coordinates
+    model       the chain as a Pinocchio model; `configuration` turns joint positions into its
+                coordinates
     placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row
-                to row: such a mechanism answers for its N rows only
+                to row: such a mechanism can only be used for its N rows
     offsets     (n,) δq_j in rad or m
     screws      (n) the joints of the model
     """
@@ -165,8 +164,8 @@ class Mechanism:
         return Frames(before, after, tool)
 
     def closes(self, q: Array) -> np.ndarray:
-        """Which rows of q (N, n) the mechanism can stand at: (N,) bool; all, where there are no
-        loops.
+        """At which rows of q (N, n) the loops of the mechanism close: (N,) bool; all where there
+        are no loops.
         """
         return np.ones(len(q), dtype=bool)
 

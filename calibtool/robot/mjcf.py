@@ -22,7 +22,7 @@ _UNREAD = ("attach", "replicate")
 
 
 class Joint(NamedTuple):
-    """A joint of a body: attributes, and the <frame> in the body that it stands in (4, 4)."""
+    """A joint of a body: attributes, and the pose of its <frame> in the body (4, 4)."""
 
     values: dict[str, str]
     frame: Array
@@ -87,9 +87,10 @@ class _Reader:
     def _inside(
         self, element: Element, link: str, at: Array, frame: Array, childclass: str, moves: bool
     ) -> None:
-        """Bodies and sites in a body's link, which stands `at` in the world, or in a <frame> of it.
+        """Bodies and sites of a body's link, which has the pose `at` in the world, or of a <frame>
+        in it.
 
-        at: where the joints are at their references, which is where MuJoCo starts.
+        at: with the joints at their references, from which MuJoCo starts.
         """
         for part in element:
             if part.tag in _UNREAD:
@@ -147,8 +148,8 @@ class _Reader:
                 yield Joint({"type": "free"} | part.attrib, frame)
 
     def _steps(self, joint: Joint, body: Element) -> tuple[list[Step], Array, Array, float]:
-        """The URDF's joints; where the first one stands in the body, the body in the last one, and
-        the reference (rad or m).
+        """The URDF's joints; the pose of the first one in the body, of the body in the last one,
+        and the reference (rad or m).
         """
         values, numbers = joint.values, self.attributes.numbers
         kind = values.get("type", "hinge")
@@ -197,7 +198,7 @@ class _Reader:
     def _actuated(self) -> tuple[str, ...] | None:
         """The joints that actuators move, in their order; None where the file has none.
 
-        Of several joints that a tendon moves the one that follows none of the others.
+        Of several joints that a tendon moves, the one that does not follow any of the others.
         """
         following = self.equalities.following
         fixed = {

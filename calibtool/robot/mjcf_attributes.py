@@ -47,7 +47,7 @@ def mjcf_root(text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Element:
 
 @dataclass
 class Attributes:
-    """What <compiler> and <default> say of the attributes of all other elements."""
+    """The settings of <compiler> and <default> for the attributes of all other elements."""
 
     place: str
     degrees: bool = True

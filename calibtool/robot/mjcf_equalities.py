@@ -15,10 +15,10 @@ _NO_NAME = re.compile(r"[^A-Za-z0-9 ._-]+")
 
 
 class Equalities:
-    """The active equalities of a file, and what was read of the bodies, sites and joints in them.
+    """The active equalities of a file, with the bodies, sites and joints in them.
 
-    bodies: link and pose in the world (4, 4) where MuJoCo starts. sites: link. joints: those of the
-    URDF, and the reference (rad or m), at which MuJoCo starts.
+    bodies: link and pose in the world (4, 4) from which MuJoCo starts. sites: link. joints: those
+    of the URDF, and the reference (rad or m), from which MuJoCo starts.
     """
 
     def __init__(self, root: Element, attributes: Attributes) -> None:
@@ -38,7 +38,7 @@ class Equalities:
         self._couplings = [each for each in active if each.tag == "joint"]
 
     def holds(self, body: Element) -> bool:
-        """Whether a loop joins a body, or what it carries, to something else."""
+        """Whether a loop joins a body, or one of its descendants, to something else."""
         names = {part.get("name") for part in body.iter() if part.tag in ("body", "site")}
         return any(sum(end in names for end in _ends(each)) == 1 for each in self._cuts)
 

@@ -1,4 +1,4 @@
-"""Files, and those that a description may name."""
+"""Files that a description may name."""
 
 from pathlib import Path
 
@@ -6,9 +6,9 @@ from calibtool.errors import InputError
 
 
 def inside(folder: Path, name: str, place: str, allowed: tuple[Path, ...] = ()) -> Path:
-    """A file of a folder or below it, or of one that --allow names, links followed.
+    """A file in a folder or below it, or in one of --allow, links resolved.
 
-    InputError with `place` for any other: a description from elsewhere reads nothing else.
+    InputError with `place` for any other, so that a description cannot read other files.
     """
     try:
         path = (folder / name).resolve()

@@ -37,10 +37,10 @@ def is_parallel(text: str) -> bool:
 
 
 def read_parallel(text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Converted:
-    """The URDF robot.urdf beside the file, with its loops; joints that it makes SPHERICAL or UJOINT
-    become three or two revolute ones.
+    """The URDF robot.urdf beside the file, with its loops. SPHERICAL and UJOINT joints become three
+    or two revolute ones.
 
-    InputError for anything else that it says, and for frames or joints that are not there.
+    InputError for any other content, and for frames or joints that do not exist.
     """
     place = str(path)
     said = _parsed(text, place)

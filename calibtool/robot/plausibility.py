@@ -1,4 +1,4 @@
-"""What a description says that cannot be meant: units, limits that are none, frames far away."""
+"""Values of a description that are probably wrong: units, missing limits, frames far away."""
 
 from math import isfinite
 
@@ -21,7 +21,7 @@ _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one 
 
 
 def implausible(robot: Robot) -> list[str]:
-    """One line per finding, with joint and remedy; nothing for a robot as they are built."""
+    """One line per finding, with joint and remedy; none for a usual robot."""
     return [
         *_limits(robot),
         *_lengths(robot),
@@ -108,7 +108,7 @@ def _locked(robot: Robot) -> list[str]:
 
 
 def _beyond(joint: Joint, value: float) -> bool:
-    """Whether a position is outside of limits that are some."""
+    """Whether a position is outside of limits, where there are any."""
     if joint.kind not in SINGLE or joint.kind == "continuous" or not joint.lower < joint.upper:
         return False
     return not joint.lower - 1e-9 <= value <= joint.upper + 1e-9
@@ -124,8 +124,8 @@ def _targets(robot: Robot) -> list[str]:
 
 
 def _masses(robot: Robot) -> list[str]:
-    """Links whose mass cannot be meant, or whose centre of mass lies beyond the whole arm: from
-    these gravity is computed.
+    """Links with an implausible mass, or with a centre of mass beyond the whole arm; gravity
+    depends on them.
     """
     remedy = "correct <inertial>, from which gravity is computed"
     unread = _unread_masses(robot)
@@ -161,7 +161,7 @@ def _masses(robot: Robot) -> list[str]:
 
 
 def _unread_masses(robot: Robot) -> list[str]:
-    """Links whose mass or centre of mass is written as no finite number."""
+    """Links whose mass or centre of mass is no finite number."""
     found = []
     for link in parse_xml(robot.source.urdf_text, robot.source.place, "URDF").iter("link"):
         inertial = link.find("inertial")

@@ -14,11 +14,12 @@ _ROUNDING = 1e-9  # m and rad
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Bounds between a point and a direction of K_0 and others of the tool, whatever the joints do.
+    """Bounds on the distance and the angle between a point and a direction of K_0 and of the tool,
+    for all joints.
 
-    A turning joint keeps every point of its axis, and its axis. So points o_j on the axes are a
-    polygon with sides of fixed length, which slides lengthen by their stroke, and the axes a
-    polygon on the sphere with sides of fixed angle.
+    The points of a joint's axis do not move when it turns. So points o_j on the axes form a polygon
+    with sides of fixed length, which slides lengthen by their stroke, and the axes form a polygon
+    on the sphere with sides of fixed angle.
 
     p_base, p_tool   (3,) first point in K_0, last point in K_{n+1}, m
     a_base, a_tool   (3,) first and last axis in the same frames
@@ -74,11 +75,11 @@ class Reach:
 
 
 def excluded(robot: Robot, target: Array, tolerance: float) -> np.ndarray:
-    """Poses (N, 4, 4) that the robot cannot take to within `tolerance`, rad or characteristic
+    """Poses (N, 4, 4) that the robot cannot reach to within `tolerance`, rad or characteristic
     lengths: (N,) bool.
 
-    Most of those out of reach, and every wrong tilt of an arm whose axes are parallel; joint limits
-    count for slides only.
+    It finds most poses out of reach, and every wrong tilt of an arm whose axes are parallel. Joint
+    limits are used for slides only.
     """
     bounds = None if robot.chain.tree is not None else _reach(robot)
     if bounds is None:

@@ -1,10 +1,10 @@
-"""What of a mechanism with closed loops moves: equations that say something, joints that are idle,
-actuators that are missing.
+"""Reduction of a mechanism with closed loops: independent equations, idle joints, and missing
+actuators.
 
 At closed configurations near the given one, C holds the derivatives of all equations, C_p those by
 the joints that are not actuated. Equations that depend on others are dropped: of a revolute cut in
-a planar loop x and y stay. A null vector of C_p is a motion with the actuators at rest. If it moves
-the tool, an actuator is missing; if not, one of its joints is idle.
+a planar loop x and y remain. A null vector of C_p is a motion with fixed actuators. If it moves the
+tool, an actuator is missing; if not, one of its joints is idle.
 """
 
 from dataclasses import dataclass, replace
@@ -30,18 +30,18 @@ class Sample:
 
 @dataclass(frozen=True)
 class Reduced:
-    """What stays: the loops with their rows, and the joints that are idle."""
+    """The result: the loops with their independent rows, and the idle joints."""
 
     loops: tuple[Loop, ...]
     idle: tuple[int, ...]
 
 
 def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str) -> Reduced:
-    """Rows and passive joints that stay, p of each. tree: all joints but the actuated ones passive,
-    all rows kept.
+    """Independent rows and passive joints, p of each. tree: all joints but the actuated ones
+    passive, all rows kept.
 
-    names of the joints, and place, stand in messages. Raises InputError for a loop that leaves the
-    actuators no freedom of their own, and for a motion of the tool that no actuator commands.
+    names of the joints, and place, are for messages. Raises InputError for a loop in which the
+    actuators are not independent, and for a motion of the tool that no actuator commands.
     """
     n = tree.n
     ranks = [_rank(sample.columns[:, n:]) for sample in samples]
@@ -76,11 +76,11 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
 
 
 def _suspects(tree: Tree, free: list[int], vector: Array) -> list[int]:
-    """Which of the free passive joints, that move by `vector`, look most like those with a motor,
-    three at most.
+    """Free passive joints that move by `vector` and are most similar to actuated ones, at most
+    three.
 
-    As deep in the tree as one of them and of the same kind; where there is none, those that move
-    most.
+    They are as deep in the tree as an actuated one and of the same kind; where there are none,
+    those that move most.
     """
 
     def place_of(joint: int) -> tuple[int, bool]:
@@ -98,9 +98,7 @@ def mobility(samples: list[Sample], joints: int) -> int:
 
 
 def check_freedom(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str) -> None:
-    """InputError where equations hold actuators against each other: C has a higher rank than
-    C_p.
-    """
+    """InputError where actuators are not independent: the rank of C is higher than that of C_p."""
     rank = max(_rank(sample.columns[:, tree.n :]) for sample in samples)
     whole = max(_rank(sample.columns) for sample in samples)
     if whole <= rank:
@@ -143,11 +141,11 @@ def _rank(matrix: Array) -> int:
 
 def _independent(columns: Array, rank: int) -> set[int]:
     """`rank` independent rows of (m, p), by pivoting, the first of nearly equal ones."""
-    left, kept = columns.copy(), set[int]()
+    remaining, kept = columns.copy(), set[int]()
     while len(kept) < rank:
-        sizes = np.linalg.norm(left, axis=1)
+        sizes = np.linalg.norm(remaining, axis=1)
         best = int(np.flatnonzero(sizes > 0.999 * sizes.max())[0])
-        direction = left[best] / sizes[best]
-        left -= np.outer(left @ direction, direction)
+        direction = remaining[best] / sizes[best]
+        remaining -= np.outer(remaining @ direction, direction)
         kept.add(best)
     return kept

@@ -12,13 +12,13 @@ from calibtool.robot.chain import NO_LIMITS, SerialChain
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
-from calibtool.robot.damped_least_squares import (
+from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.singularity import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     singularity_distance,
 )
-from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.source import Source
 from calibtool.robot.tree import UNBOUNDED
 from calibtool.robot.workspace import Workspace
@@ -178,7 +178,7 @@ class Robot:
         return self.to_controller(q) if values == "controller" else q
 
     def joint_values(self, place: str, *stated: JointValues | None) -> JointValues:
-        """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
+        """The kind of joint values of `place`; see `settled_values`."""
         return settled_values(self.coupling, place, *stated)
 
     @cached_property
@@ -285,8 +285,8 @@ class Robot:
         return inside
 
     def closing(self, q: Array) -> Array:
-        """Those rows of q (N, n) at which the nominal robot can stand: all but where closed loops
-        do not close.
+        """Rows of q (N, n) at which the loops of the nominal robot close; all rows without
+        loops.
         """
         return q if self.chain.tree is None else q[self.mechanism.closes(q)]
 

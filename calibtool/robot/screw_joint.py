@@ -17,14 +17,13 @@ _FARTHEST_AXIS = 10.0
 class Screw:
     """exp(ξ q), ξ = (v, ω), with one coordinate per unit of q, or all six of a free joint.
 
-    By Chasles' theorem it is a turn by |ω| q about the axis ω/|ω| through r = ω × v/|ω|² with a
-    shift of h = ω · v/|ω|² along it per rad: a revolute or a helical joint, placed at r. Without ω
-    it is a slide. A slide that turns a little has its axis so far away that digits would be lost:
-    it is a free joint whose coordinates are exp(ξ q) themselves.
+    By Chasles' theorem it is a rotation by |ω| q about the axis ω/|ω| through r = ω × v/|ω|² with a
+    translation of h = ω · v/|ω|² along it per rad: a revolute or a helical joint, placed at r.
+    Without ω it is a slide. The axis of a slide with a small rotation is so far away that digits
+    would be lost: it is a free joint whose coordinates are exp(ξ q) themselves.
 
     joint   the joint of Pinocchio
-    shift   (3,) r, where the model's joint frame stands in that of the chain, m; its
-            axes are parallel
+    shift   (3,) r, position of the model's joint frame in that of the chain, m; axes are parallel
     rates   (1,) or (6,) velocity of the model's coordinates per unit of q
     twist   (6,) ξ per rad or m, in the frame of the joint
     """

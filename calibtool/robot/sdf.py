@@ -122,7 +122,7 @@ class _Reader:
         return _Joint(name, kind, start, self._link_of(child, child), part, self._pose(name))
 
     def _link_of(self, name: str, otherwise: str) -> str:
-        """The link that a frame is attached to, at last."""
+        """The link to which a frame is attached, directly or through other frames."""
         for _ in range(_MOST):
             element = self.frames.get(name)
             if element is None:
@@ -255,7 +255,7 @@ class _Reader:
         )
 
     def _mimic(self, joint: _Joint) -> None:
-        """A joint that follows: multiplier · (leader − reference) + offset."""
+        """A mimic joint: multiplier · (leader − reference) + offset."""
         mimic = joint.element.find("axis/mimic")
         if mimic is None:
             return

@@ -9,9 +9,9 @@ from calibtool.robot.se3 import Array
 def skeleton(frames: Frames, placed_on: tuple[int, ...]) -> Array:
     """Origins on a line that runs along every link, in K_0, m: (N, s, 3).
 
-    From the base by way of every joint, before and after its motion, to the tool; with closed loops
-    there and back along the branches that do not carry the tool, to their cut frames. placed_on:
-    the joint that carries each of `Frames.placed`.
+    The line goes from the base through every joint, before and after its motion, to the tool. With
+    closed loops it also goes along the branches without the tool, to their cut frames and back.
+    placed_on: the joint of each of `Frames.placed`.
     """
     before, after = frames.placed[:, :, :3, 3], frames.after[:, :, :3, 3]
     base, last = np.zeros((len(before), 3)), len(placed_on) - 1

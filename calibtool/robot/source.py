@@ -1,4 +1,4 @@
-"""What a robot is built from: a description and the texts that it was read from."""
+"""The source of a robot: a description and the texts from which it was read."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -100,10 +100,10 @@ def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Sour
 def bare_source(
     said: Converted, name: str, tool: str | None = None, what: str = "a bare URDF"
 ) -> Source:
-    """What a robot.toml would say: see `tool.chosen`; three targets on a circle of 0.1 m.
+    """The robot.toml for a bare URDF: see `tool.chosen`; three targets on a circle of 0.1 m.
 
-    what: what the description is, in the line of what was assumed. UsageError where several links
-    could be the tool and `tool` does not say which.
+    what: the kind of the description, for the message about assumptions. UsageError where several
+    links could be the tool and `tool` does not name one.
     """
     from calibtool.robot.closed_chain import configuration_found  # Pinocchio is only needed here
     from calibtool.robot.urdf import parse_urdf

@@ -1,4 +1,4 @@
-"""The standard DH parameters of a robot, where its frames stand so."""
+"""The standard DH parameters of a robot whose frames permit them."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ _PARALLEL = 1e-6  # rad between two axes, m between two lines
 
 
 def standard_rows(mechanism: Mechanism, n: int) -> list[DhRow]:
-    """Standard DH parameters of a chain of n revolute joints, as Universal Robots state theirs.
+    """Standard DH parameters of a chain of n revolute joints, in the form of Universal Robots.
 
-    The frame before axis 1 is the base, the one behind axis n the tool; θ is between −90 and 90 deg
-    at q = 0, and d = 0 where axes are parallel. A chain whose frames do not stand so is not
-    described by them: compare before use.
+    The frame before axis 1 is the base, the one after axis n the tool; θ is between −90 and 90 deg
+    at q = 0, and d = 0 where axes are parallel. Chains with other frames are not described by them:
+    compare before use.
     """
     pose, jacobian = mechanism.forward_and_jacobian(np.zeros((1, n)))
     directions = jacobian[0, 3:].T

@@ -1,4 +1,4 @@
-"""Texts in TOML, and what is wrong with them in one line."""
+"""Texts in TOML, and their errors in one line."""
 
 import tomllib
 from typing import Any, get_args
@@ -48,7 +48,7 @@ def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Keys of the model that stands at `path` inside another one, none if that cannot be told."""
+    """Keys of the model at `path` inside another one; none if they are not known."""
     for part in path:
         if isinstance(part, int) or part not in model.model_fields:
             # an element of a list or of a table with free names: the model is already

@@ -1,4 +1,4 @@
-"""A URDF without a robot.toml: its tool, and where the joints beside the way to it are locked."""
+"""The tool of a URDF without a robot.toml, and the positions of locked joints."""
 
 import json
 import re
@@ -44,10 +44,10 @@ _MANY = 2  # arm joints behind a link: it is no tool
 
 @dataclass(frozen=True)
 class Choice:
-    """tool_frame and locked_joints (rad or m) of a description that nobody wrote a robot.toml for.
+    """tool_frame and locked_joints (rad or m) for a description without robot.toml.
 
-    With closed loops those that the tool depends on, the joints with a motor, and a closed
-    configuration, rad or m.
+    With closed loops also the loops on which the tool depends, the joints with a motor, and a
+    closed configuration, rad or m.
     """
 
     tool: str
@@ -86,15 +86,15 @@ def quoted(text: str) -> str:
 
 
 def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | None = None) -> Choice:
-    """The tool of a URDF, `tool` or the one that its names and joints tell, and the joints to lock.
+    """The tool of a URDF, `tool` or the one found by names and joints, and the joints to lock.
 
     said: the closed loops of the description; those that do not move the tool are left out.
 
-    A tool is found by its name, and by the number of joints before it where no link has one; a
-    finger, a camera or a collision shape is none. Locked are joints that are not on the way to it,
-    and those of a base that moves freely: floating, planar, slides without limits. UsageError,
-    listing them, where several links could be the tool; InputError for a loop from a link to
-    itself.
+    A tool is found by its name or, where no link has such a name, by the number of joints before
+    it. A finger, a camera or a collision shape is not a tool. Joints that are not between base and
+    tool are locked, and those of a base that moves freely: floating, planar, slides without limits.
+    UsageError with a list where several links could be the tool; InputError for a loop from a link
+    to itself.
     """
     loops = said.loops if said else ()
     if tool is None:
@@ -119,7 +119,7 @@ def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | Non
 
 
 def _closing(tree: Tree, tool: str, loops: Sequence[Cut]) -> tuple[tuple[Cut, ...], set[Joint]]:
-    """The loops that the tool depends on, and the joints that move it, followed ones too."""
+    """The loops on which the tool depends, and the joints that move it, mimicked ones included."""
     moving = {joint for joint in tree.ways[tool] if joint.moves}
     held: list[Cut] = []
     while True:
@@ -153,7 +153,9 @@ def _round(tree: Tree, loop: Cut) -> set[Joint]:
 
 
 def _arm(way: Sequence[Joint]) -> Sequence[Joint]:
-    """The way without the joints of a base that moves freely below it, and without its turn."""
+    """The joints of the arm without those of a base below it that moves freely, and without its
+    rotation.
+    """
     moving = [joint for joint in way if joint.moves]
     start = 0
     for k, joint in enumerate(moving):
@@ -200,7 +202,7 @@ def _tool(tree: Tree, name: str, cut: set[str]) -> str:
 
 
 def _only(found: Sequence[str], name: str, ends: re.Pattern[str] | None = None) -> str:
-    """The only one, or the only one whose name says no more than that it is a tool."""
+    """The only link, or the only one whose name says nothing but that it is a tool."""
     if ends is not None and len(found) > 1:
         said = {link: ends.search(_words(link).removesuffix(" link")) for link in found}
         sure = [link for link, match in said.items() if match and match.end() == len(match.string)]
@@ -218,7 +220,7 @@ def _words(name: str) -> str:
 
 
 def _gripping(tree: Tree) -> set[str]:
-    """Joints of a gripper or a rod: by names, or as they follow a joint beside them."""
+    """Joints of a gripper or a rod, found by names, or because they follow a neighbouring joint."""
     found = set()
     for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
@@ -238,7 +240,7 @@ def _gripping(tree: Tree) -> set[str]:
 
 
 def _moves_more(tree: Tree, joint: Joint) -> bool:
-    """Whether joints that follow none stand behind a joint."""
+    """Whether joints that do not follow others come after a joint."""
     return any(
         other.moves and other.follows is None and joint in tree.ways[other.parent]
         for other in tree.joints
@@ -246,19 +248,21 @@ def _moves_more(tree: Tree, joint: Joint) -> bool:
 
 
 def _behind(joint: Joint, ways: dict[str, list[Joint]], arm: dict[str, int]) -> int:
-    """The most joints of the arm that stand behind a joint."""
+    """The largest number of joints of the arm that come after a joint."""
     way = next(way for way in ways.values() if joint in way)
     return max(arm[link] for link in arm if joint in ways[link]) - way.index(joint) - 1
 
 
 def _ends(tree: Tree, links: list[str]) -> list[str]:
-    """Those that carry none of the others."""
+    """The links that carry none of the others."""
     carriers = {joint.parent for link in links for joint in tree.ways[link]}
     return [link for link in links if link not in carriers]
 
 
 def _locked(joints: list[Joint]) -> dict[str, float]:
-    """Where joints are locked: at 0, the limit next to it, or where a leading joint puts them."""
+    """Positions of locked joints: 0, the limit next to it, or the position that a leading joint
+    gives.
+    """
     free = {joint.name: _nearest_to_zero(joint) for joint in joints}
 
     def position(joint: Joint) -> float:

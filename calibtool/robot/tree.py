@@ -1,4 +1,4 @@
-"""Links and joints of a URDF as its text has them: what stands on what, limits, who mimics whom."""
+"""Links and joints of a URDF as they are written: parents, limits, mimic joints."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -33,7 +33,7 @@ class Joint:
 
     @property
     def bounded(self) -> bool:
-        """Whether its limits are some: numbers in order, of no more than UNBOUNDED."""
+        """Whether it has limits: numbers in order, of no more than UNBOUNDED."""
         return self.lower < self.upper and max(abs(self.lower), abs(self.upper)) <= UNBOUNDED
 
     @property
@@ -51,7 +51,7 @@ class Tree:
 
     @cached_property
     def before(self) -> dict[str, Joint]:
-        """The joint that carries a link, by the link's name; the root has none."""
+        """The joint of a link, by the link's name; the root has none."""
         return {joint.child: joint for joint in self.joints}
 
     @cached_property

@@ -18,8 +18,8 @@ from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joi
 
 @dataclass(frozen=True, eq=False)
 class TreeReading:
-    """What a description says, joints in the order actuated, then the others as in the URDF; loops
-    with all rows.
+    """The contents of a description; joints in the order actuated, then the others as in the URDF;
+    loops with all rows.
     """
 
     bodies: Bodies
@@ -30,7 +30,7 @@ class TreeReading:
 
 
 def read_tree(source: Source) -> TreeReading:
-    """Joints, cut frames and limits of a description. InputError for what does not fit together."""
+    """Joints, cut frames and limits of a description. InputError for contradictions."""
     place, kinematics = source.place, source.description.kinematics
     model = opened(source)
     names = [joint_name(model, j) for j in range(model.njoints)]
@@ -185,9 +185,7 @@ def _actuated_first(
 def _given_closed(
     source: Source, names: list[str], limits: tuple[Array, Array], slides: np.ndarray, n: int
 ) -> Array:
-    """`closed_at` (J,), rad or m: 0 where nothing is said, or the limit nearest to it for an
-    actuated joint.
-    """
+    """`closed_at` (J,), rad or m: by default 0, or for an actuated joint the limit nearest to 0."""
     place, given = source.place, source.description.kinematics.closed_at
     for joint in given:
         if joint not in names:

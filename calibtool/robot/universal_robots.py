@@ -42,12 +42,12 @@ def calibrated_urdf(kind: str, text: str, name: str, nominal: Robot) -> str:
 
 
 def changed_steps(text: str, name: str, robot: Robot) -> list[list[Step]]:
-    """The products of placements of `chain_of` that changes of DH parameters make, m and rad.
+    """The products of placements of `chain_of` for changes of DH parameters, m and rad.
 
     T = Π_j Rz(q_j + δθ_j) Tz(d_j + δd_j) Tx(a_j + δa_j) Rx(α_j + δα_j), a, α, d those of the
-    nominal robot. The δd of parallel axes may be metres, they cancel out. Raises InputError for a
-    file without six numbers each, one whose calibration is not finished, or a nominal robot that is
-    not in this form.
+    nominal robot. The δd of parallel axes may be metres; they cancel each other. Raises InputError
+    for a file without six numbers each, a calibration that is not finished, or a nominal robot that
+    is not in this form.
     """
     _check_joints(robot, name)
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"))

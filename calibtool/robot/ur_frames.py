@@ -13,12 +13,12 @@ _POSITION, _ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 
 
 def ur_frames(text: str, name: str) -> list[list[Step]]:
-    """The seven products of placements of `chain_of` that a UR calibration holds.
+    """The seven products of placements of `chain_of` in a UR calibration.
 
-    Under `kinematics:` stands the placement of each joint in the one before it, x y z in m and roll
-    pitch yaw in rad about the fixed axes; joints turn about z. The first frame is K_0, the frame
-    that the controller calls Base; behind the last joint is the flange (tool0). Raises InputError
-    with file, line and key for anything else.
+    `kinematics:` holds the placement of each joint in the previous one, x y z in m and roll pitch
+    yaw in rad about the fixed axes; joints turn about z. The first frame is K_0, which the
+    controller calls Base; the flange (tool0) is after the last joint. Raises InputError with file,
+    line and key for anything else.
     """
     root = _mapping(_composed(text, name), name, "")
     if "kinematics" not in root:

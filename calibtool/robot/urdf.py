@@ -39,7 +39,7 @@ def parse_urdf(urdf_text: str, name: str) -> pin.Model:
 
 
 def _moving_parts(root: ElementTree.Element) -> ElementTree.Element:
-    """A URDF without shapes and extensions, with the parts of limits that Pinocchio asks for."""
+    """A URDF without shapes and extensions, with the parts of limits that Pinocchio requires."""
     for part in list(root):
         if part.tag not in ("link", "joint"):
             root.remove(part)
@@ -62,9 +62,9 @@ def _moving_parts(root: ElementTree.Element) -> ElementTree.Element:
 
 
 def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
-    """What `read` makes of a text that declares no encoding; InputError where it refuses it.
+    """The result of `read` for a text that declares no encoding; InputError where it refuses it.
 
-    What urdfdom prints is kept in a file without a name, of which nothing can stay behind.
+    Messages of urdfdom are kept in a file without a name, so that no file can remain.
     """
     try:
         with tempfile.TemporaryFile() as output:
@@ -84,8 +84,8 @@ def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
 
 
 def _tell_joints_from_links(model: pin.Model) -> None:
-    """Pinocchio finds no frame by a name that a joint and a link share: the joint's frame
-    gets another one.
+    """Rename the frame of a joint that has the same name as a link: Pinocchio finds no frame by
+    such a name.
     """
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:

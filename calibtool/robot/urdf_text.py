@@ -1,4 +1,6 @@
-"""A URDF built link by link, for descriptions that are none; and what a tree cannot hold."""
+"""A URDF built link by link, for descriptions in other formats; and the parts that a tree cannot
+hold.
+"""
 
 from collections.abc import Container, Mapping
 from types import MappingProxyType
@@ -42,7 +44,7 @@ class UrdfText:
         self._joints: dict[str, _Joint] = {}
 
     def link(self, wanted: str) -> str:
-        """A new link; its name, which differs from the wanted one where that is taken."""
+        """A new link; its name, which differs from the wanted one where that is used already."""
         name = free_name(wanted, self._links)
         self._links[name] = ElementTree.SubElement(self.root, "link", {"name": name})
         return name

@@ -111,7 +111,7 @@ def _build_study(file: h5py.File) -> "StudyFile":
 
 
 def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
-    """What the builder of the file's schema makes of it."""
+    """The object of a file, made by the function of its schema."""
     data = stream.read()
     if not data:
         raise InputError(
@@ -160,7 +160,7 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
 
 
 def _told(data: bytes) -> str:
-    """What a file is that HDF5 cannot read, and which command takes it."""
+    """The kind of a file that HDF5 cannot read, and the command that reads it."""
     expected = "expected a file that calibtool wrote"
     if data.startswith(SIGNATURE):
         return f"an HDF5 file that is cut off or damaged; {expected}"

@@ -153,6 +153,8 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
     words = "standard deviation of residuals over the stated noise: lengths, angles"
     put(group, "residual_factors", posterior.residual_factors, "1", words, "", "kind")
     put_text(group, "names", parameters.names, "parameter names")
+    words = "variance added for what the model leaves out"
+    put(group, "left_out", posterior.left_out, "SI", words, "", "parameter")
     put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
     put(
         group,
@@ -327,6 +329,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
         effective=read_number(group, "effective"),
         log_evidence=read_number(group, "log_evidence"),
         residual_factors=get(group, "residual_factors", 2),
+        left_out=get(group, "left_out", p),
     )
 
 

@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before it is read: its digest, its text heaps, its links and its sizes.
 
-The digest, one line behind the file where no reader of HDF5 looks, finds what happened to a file by
-accident, and says nothing about who wrote it: all other checks run with it and without it. An HDF5
-call cannot be interrupted, and damaged bytes can send it into an endless loop.
+The digest is one line after the end of the HDF5 data. It finds accidental damage, and says nothing
+about who wrote the file: all other checks run with it and without it. An HDF5 call cannot be
+interrupted, and damaged bytes can send it into an endless loop.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def with_digest(data: bytes) -> bytes:
-    """The file and, behind it, a line of text with its digest."""
+    """The file, followed by a line of text with its digest."""
     return data + _digest(memoryview(data))
 
 
@@ -35,8 +35,8 @@ def _digest(data: memoryview) -> bytes:
 
 
 def check_bytes(data: bytes) -> None:
-    """ValueError for bytes that do not match the digest, or an endless global heap; OSError for
-    what is no HDF5.
+    """ValueError for bytes that do not match the digest, or an endless global heap; OSError for a
+    file that is not HDF5.
     """
     if _DIGEST_LINE.search(data, max(0, len(data) - _LENGTH)):
         if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
@@ -87,11 +87,11 @@ def _check_heap(data: bytes, start: int) -> None:
 
 
 def check_contents(file: h5py.File, length: int) -> None:
-    """ValueError for anything but groups and datasets of numbers and texts, each under one name and
+    """ValueError for anything but groups and datasets of numbers and texts, each with one name and
     inside the file.
 
     length: bytes of the file. Soft and external links, virtual datasets and external storage would
-    read other files; what claims much more than the file's length would fill the memory.
+    read other files; a dataset that claims much more than the file's length would fill the memory.
     """
     room, characters = _ROOM + _PACKED * length, _CHARACTERS
     seen: set[int] = set()

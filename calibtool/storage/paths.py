@@ -26,7 +26,7 @@ def read(path: str | os.PathLike[str]) -> Measurements | Calibration:
 def write(
     contents: Measurements | Calibration, path: str | os.PathLike[str], *, force: bool = False
 ) -> None:
-    """Write an HDF5 file, whole or not at all; an existing one is replaced only with `force`.
+    """Write an HDF5 file, completely or not at all; an existing one is replaced only with `force`.
 
     A file system without fsync, locks or hard links gives a weaker guarantee (docs/reliability.md).
     Raises UsageError if the file exists or cannot be written.

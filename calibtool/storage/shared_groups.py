@@ -61,7 +61,7 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
 
 
 def read_setup(group: h5py.Group) -> Setup:
-    """The same back."""
+    """Read a set-up."""
     return Setup(
         T_instrument_base=get_frames(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
@@ -95,7 +95,7 @@ def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
 
 
 def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
-    """The same back. KeyError or ValueError for a damaged file."""
+    """Read the errors of a robot. KeyError or ValueError for a damaged file."""
     shapes = {f.id: [-1] * len(f.shape(f.joints(robot))) for f in FAMILIES}
     return RobotErrors.of(
         robot,
@@ -127,7 +127,7 @@ def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
 
 
 def read_conditions(group: h5py.Group, n: int) -> Conditions:
-    """The same back, for n joints."""
+    """Read the known conditions of the rows, for n joints."""
     known = {
         name: get(group, name, *[-1] * group[name].ndim)
         for name in ("payload_kg", "temperature_c")

@@ -1,6 +1,6 @@
-"""Numbers of an HDF5 file, checked as those of text tables are: types, shapes, ranges, rotations.
+"""Numbers of an HDF5 file, checked as in text tables: types, shapes, ranges, rotations.
 
-Every function raises KeyError for what is missing and ValueError for what cannot be meant.
+Every function raises KeyError for a missing value and ValueError for an impossible one.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ _INDEFINITE = 1e-9  # of the largest eigenvalue: rounding of a covariance that w
 def put(
     group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str
 ) -> None:
-    """A dataset that describes itself."""
+    """A dataset with its unit, description, frame and dimension labels."""
     dataset = group.create_dataset(name, data=np.asarray(values))
     put_string(dataset, "units", units)
     put_string(dataset, "long_name", long_name)
@@ -49,8 +49,10 @@ def read_count(group: h5py.Group, name: str) -> int:
 
 
 def get(group: h5py.Group, name: str, *shape: int, below: float = LARGEST) -> Array:
-    """A dataset (…,) of the given shape, -1 for any length, its values less than `below` in size:
-    as in tables of text, beyond it nothing is meant and squares overflow.
+    """A dataset (…,) of the given shape, -1 for any length, its values smaller than `below` in
+    size.
+
+    As in tables of text, larger values are errors, and their squares would overflow.
     """
     array = get_with_gaps(group, name, *shape, below=below)
     if np.isnan(array).any():
@@ -88,7 +90,7 @@ def get_indices(group: h5py.Group, name: str, count: float = 2**53) -> np.ndarra
 
 
 def get_frames(group: h5py.Group, name: str, *shape: int) -> Array:
-    """Poses (…, 4, 4) in m, or rotations (…, 3, 3): rigid to the digits that people write."""
+    """Poses (…, 4, 4) in m, or rotations (…, 3, 3): rigid to the usual number of written digits."""
     array = get(group, name, *shape)
     size = array.shape[-1]
     poses = np.tile(np.eye(4), (array.size // size**2, 1, 1))
@@ -101,7 +103,7 @@ def get_frames(group: h5py.Group, name: str, *shape: int) -> Array:
 
 
 def get_covariance(group: h5py.Group, name: str, count: int) -> Array:
-    """A covariance (count, count): symmetric, and no variance of anything is negative."""
+    """A covariance (count, count): symmetric, without negative variances."""
     array = get(group, name, count, count)
     std = np.sqrt(np.maximum(np.diag(array), 0.0))
     scale = np.where(std > 0, std, 1.0)

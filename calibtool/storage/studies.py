@@ -62,7 +62,7 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
 
 
 def build_study(file: h5py.File) -> StudyFile:
-    """The same back. KeyError or ValueError for anything else."""
+    """Read the table of a study. KeyError or ValueError for anything else."""
     group = file["table"]
     columns = [_column(group, name) for name in COLUMNS[1:]]
     if len({len(column) for column in columns}) != 1:

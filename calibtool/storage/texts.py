@@ -1,9 +1,8 @@
 """Text in HDF5, of fixed length.
 
-Text of variable length lies in HDF5's global heap, which carries no checksums: a zeroed sector
-there sends the HDF5 library (2.0 among them) into an endless loop, an object of size zero that it
-never passes. Text of fixed length lies in object headers, with checksums, or in a dataset of its
-own. Both kinds are read.
+Text of variable length is in HDF5's global heap, which has no checksums: a zeroed sector there
+sends the HDF5 library (2.0 among them) into an endless loop at an object of size zero. Text of
+fixed length is in object headers, with checksums, or in a dataset of its own. Both kinds are read.
 """
 
 from collections.abc import Iterable, Sequence
@@ -42,7 +41,7 @@ def choice(item: h5py.Group, name: str, allowed: Iterable[str]) -> str:
 
 
 def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:
-    """Text, or a list of texts, that describes itself."""
+    """Text, or a list of texts, with a description."""
     data = encoded(text) if isinstance(text, str) else [encoded(item) for item in text]
     kind = _kind(data) if isinstance(data, bytes) else _kind(*data)
     dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
@@ -59,7 +58,7 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A list of texts; how long they may be together is checked before (`file_checks`)."""
+    """A list of texts; their total length is checked before (`file_checks`)."""
     if group[name].ndim != 1:
         raise ValueError(f"{group.name}/{name} is no list of texts")
     return tuple(map(str, group[name].asstr()[()]))

@@ -26,7 +26,7 @@ def test_json_on_stdout_and_in_a_file(files: Files) -> None:
 
 def test_json_holds_what_a_reader_needs(files: Files) -> None:
     value = json.loads(run("export", files.network, "--format", "json").stdout)
-    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 3)
+    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 4)
     assert value["robot"] == "planar-3r"
     assert [joint["unit"] for joint in value["joints"]] == ["rad"] * 3
     assert np.shape(value["nominal_placements_m"]) == (4, 4, 4)
@@ -99,6 +99,29 @@ def test_c_corrects_as_the_command_does(files: Files, name: str, more: list[str]
             STATUS[int(code)],
             "outside",
         )  # of the training: a controller does not know it
+
+
+@pytest.mark.parametrize("name", ["delta_x.c", "my robot.c", "3axis-new.v2.c", "src/arm.c"])
+@pytest.mark.parametrize("prefix", ["arm", "x_"])
+def test_c_with_a_prefix_includes_the_header_that_was_written(
+    files: Files, name: str, prefix: str
+) -> None:
+    """The compiler finds the header: names of files and of symbols are independent."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    Path("src").mkdir()
+    run("export", files.network, "--format", "c", "--prefix", prefix, "-o", name)
+    header = Path(name).with_suffix(".h")
+    assert f"int {prefix}_correct(" in header.read_text()
+    subprocess.run([compiler, "-std=c99", "-c", name, "-o", "out.o"], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("name", ["é.c", 'a"b.c', "a*.c"])
+def test_c_needs_a_name_that_a_source_can_include(files: Files, name: str) -> None:
+    said = refused(2, "export", files.network, "--format", "c", "--prefix", "arm", "-o", name)
+    assert "header" in said
+    assert not Path(name).exists()
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,9 @@ from calibtool.measurement.importing import (
 )
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, detected, read_program
 from calibtool.programs.frames import read_frames
+from calibtool.programs.motions import ProgramText
 from calibtool.programs.numbers import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.denavit_hartenberg import DhConvention
@@ -362,7 +363,7 @@ def _program(program_format: str) -> Callable[[bytes], object]:
     def read(data: bytes) -> None:
         text = data.decode("latin-1")
         detected(text, "program")
-        for target in reader(program_format)(text, six()).literals:
+        for target in read_program(program_format, [ProgramText("program", text)], six()).literals:
             assert np.isfinite(target.values).all()
             rewritten(text, target.numbers, target.values)
 

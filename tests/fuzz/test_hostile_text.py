@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from program_reading import reader
 from readers import READERS, arm, journals, six, studied, study, workbooks
 
 from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream
@@ -18,7 +19,6 @@ from calibtool.evaluation.study.journal import Journal
 from calibtool.evaluation.study.study_table import parse_csv
 from calibtool.measurement.importing import parse_column_map
 from calibtool.measurement.importing.excel import parse_workbook
-from calibtool.programs.formats import reader
 from calibtool.programs.frames import read_frames
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot

@@ -18,10 +18,10 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.gravity_torque import load_carrying
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -35,8 +35,8 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.robot import Robot
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 
 
 def compared(robot: Robot, a: Array, b: Array) -> Array:

@@ -129,7 +129,9 @@ def test_calibrations_are_read_as_they_were_written(
         base = replace(
             base,
             errors=base.errors.having(harmonics=rng.normal(size=(robot.n, 2 * members))),
-            posterior=Posterior(parameters, rng.random(p), root @ root.T, 1.1, 3.3, -1e3),
+            posterior=Posterior(
+                parameters, rng.random(p), root @ root.T, 1.1, 3.3, -1e3, rng.random(p)
+            ),
             unobservable=tuple(parameters.names[:members]),
         )
     if flagged:

@@ -87,17 +87,7 @@ class Definition(BaseModel):
 
     def scales(self, kinds: str, factor: float) -> ErrorScales:
         """Sizes of the errors of one combination, in SI."""
-        mm = mrad = 1e-3 * factor
-        return ErrorScales(
-            kinds=tuple(kinds.split(",")),
-            length=self.length_error_mm * mm,
-            angle=self.angle_error_mrad * mrad,
-            sizes={
-                kind: getattr(self, f"{kind}_mrad") * mrad
-                for kind in ("gear", "gravity", "backlash", "payload")
-            },
-            warmth=self.thermal_k * factor,
-        )
+        return ErrorScales.of(tuple(kinds.split(",")), vars(self), factor)
 
     def changed(self, changes: Mapping[str, object]) -> "Definition":
         """The definition with some keys replaced, for options over a file.

@@ -1,4 +1,4 @@
-"""Checks on import: what is wrong with measurements, before anything is estimated from them."""
+"""Checks on import, which find problems of measurements before anything is estimated from them."""
 
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.clocks import clock_finding
@@ -21,14 +21,11 @@ def check_measurements(
     auxiliary: AuxiliaryReadings | None = None,
     stream: JointStream | None = None,
 ) -> list[Finding]:
-    """Every finding about measurements and what was recorded beside them (auxiliary), warnings
-    first.
+    """All findings about measurements and their auxiliary readings, warnings first.
 
-    stream: where the joints came from, if they were taken from a stream at the stamps of the
-    points.
-
-    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
-    numbers count from 1.
+    stream: the stream of joints, where the joints were taken from one at the stamps of the points.
+    Nothing is changed or raised. A check without the data that it needs finds nothing. Row numbers
+    count from 1.
     """
     if measurements.kind not in ("points", "pose"):
         return kind_findings(measurements)

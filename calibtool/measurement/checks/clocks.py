@@ -1,4 +1,6 @@
-"""Two clocks: joints as a stream and measurements with stamps of their own, of a moving arm."""
+"""Time offset between a stream of joints and measurements with their own stamps, for a moving
+arm.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -21,8 +23,8 @@ _SMALL = 0.1e-3  # s: less is of no account
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What to add to the stamps of the measurements, s, its standard error, and the rms without
-    and with it, m.
+    """The offset to add to the stamps of the measurements, its standard error, both in s, and the
+    rms without and with it, m.
     """
 
     offset: float
@@ -32,11 +34,11 @@ class ClockOffset:
 
 
 def clock_offset(measurements: Measurements, stream: JointStream) -> ClockOffset | None:
-    """The offset of up to ±0.5 s with which the joints explain the points best; None where the
-    arm stands still.
+    """The offset up to ±0.5 s with which the joints explain the points best; None where the arm
+    stands still.
 
-    What errors of the robot could explain does not count for it: a backlash moves the joints with
-    the sign of their rates, an offset with the rates.
+    Effects that errors of the robot could explain do not count. A backlash moves the joints with
+    the sign of their rates, an offset with the rates themselves.
     """
     if np.abs(stream.at(0.0)[1]).max() < 1e-3:
         return None

@@ -17,8 +17,8 @@ _ALONE = 0.8  # part of the rows in which at most one joint has left its usual p
 
 
 def design_findings(robot: Robot, q: Array) -> list[Finding]:
-    """Joints that never move, equal columns, one joint at a time, repeated rows, tool
-    positions in a plane, tool turned about one axis at most.
+    """Joints that never move, equal columns, joints that move one at a time, repeated rows, tool
+    positions in a plane, and a tool that turns about at most one axis.
 
     q (N, n), rad or m.
     """
@@ -34,8 +34,8 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
 
 
 def repeated_groups(q: Array) -> np.ndarray:
-    """Number of the configuration each row of q (N, n) belongs to; neighbours within REPEATS
-    belong together. (N,)
+    """Number of the configuration of each row of q (N, n), (N,); rows within REPEATS are the same
+    configuration.
     """
     pairs = cKDTree(q).query_pairs(REPEATS, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))

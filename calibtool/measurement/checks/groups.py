@@ -1,5 +1,5 @@
-"""Rows that fit in a few groups, each for itself: the instrument, the targets or the thing touched
-were moved in between.
+"""Rows that fit in a few separate groups: the instrument, the targets or the touched object were
+moved.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,9 @@ _REFINED = 6  # rows on either side of a border among which it is sought
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Consecutive rows [start, end) that fit to an rms each, m; rms over all of them."""
+    """Consecutive rows [start, end), the rms to which each group fits, m, and the rms over all of
+    them.
+    """
 
     borders: list[tuple[int, int]]
     sizes: list[float]
@@ -42,8 +44,8 @@ class Groups:
 
 
 def groups_of_rows(measurements: Measurements, explained: float) -> Groups | None:
-    """Two to eight groups of consecutive rows that the nominal robot explains to `explained` m;
-    None for none.
+    """Two to eight groups of consecutive rows that the nominal robot fits to an rms of `explained`
+    m, or None.
     """
     if measurements.place is not None:
         return None

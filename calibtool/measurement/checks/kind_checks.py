@@ -21,7 +21,7 @@ _LINE = 0.02  # extent across a line over that along it
 
 
 def kind_findings(measurements: Measurements) -> list[Finding]:
-    """The nominal robot that misses the readings by far, planes touched along a line only, and the
+    """Readings that the nominal robot does not explain, planes touched only along a line, and the
     design.
     """
     robot, setup = measurements.robot, measurements.setup

@@ -1,4 +1,4 @@
-"""Labelled places with too few rows to determine where they are."""
+"""Labelled places with too few rows to determine their position."""
 
 import re
 
@@ -13,7 +13,7 @@ _OWN = "(?:base|board|plane|sphere|camera)"  # names of what there is once for e
 
 
 def lonely_places(measurements: Measurements) -> list[Finding]:
-    """A finding for every place whose readings are no more than the unknowns of its set-up."""
+    """A finding for every place that has no more readings than its set-up has unknowns."""
     setup, place = measurements.setup, measurements.place
     if place is None or not (isinstance(setup.kind, InstrumentKind) or not setup.kind.given):
         return []
@@ -41,6 +41,6 @@ def lonely_places(measurements: Measurements) -> list[Finding]:
 
 
 def _enough(unknowns: int, equations: int, rows: int) -> int:
-    """Rows that read twice as many numbers as there are unknowns."""
+    """The number of rows that give twice as many readings as there are unknowns."""
     each = max(equations / max(rows, 1), 1.0)
     return int(np.ceil(2 * unknowns / each))

@@ -1,4 +1,4 @@
-"""What happened while measuring: drift, temperature, scatter of repeated configurations, commanded
+"""Changes during the measurement: drift, temperature, scatter of repeated configurations, commanded
 and read positions.
 """
 
@@ -26,7 +26,7 @@ def condition_findings(
     measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
 ) -> list[Finding]:
     """Repeatability, drift of reference points, trend with temperature, and which joint positions
-    explain more.
+    fit better.
 
     fit: the nominal robot registered to the measurements.
     """
@@ -45,7 +45,7 @@ def condition_findings(
 
 
 def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Scatter within repeated configurations; of the residuals, so that small differences of the
+    """Scatter of the residuals within repeated configurations, so that small differences of the
     joints do not count.
     """
     groups = repeated_groups(measurements.q)
@@ -75,7 +75,7 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """Movement of fixed points: von Neumann's ratio of successive differences to variance tells
+    """Movement of fixed points. Von Neumann's ratio of successive differences to variance tells
     drift from noise.
     """
     if auxiliary.reference_points is None:
@@ -127,17 +127,14 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
 def _temperature(
     measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
 ) -> Finding | None:
-    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from
-    the base.
+    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from the
+    base.
 
-    Errors of the robot, of any family and its tolerance, may explain a part: that is in the
-    standard errors (`Unexplained`).
-    The most significant of the four counts, its p-value times four: an arm that stays the same is
-    called drifting in
-    at most 1 % of sets (benchmarks/drift.py), whatever the order of the rows. The order of the
-    rows is tried as well, because
-    most things that drift do
-    so with time.
+    Errors of the robot, of any family and its tolerance, may explain a part of the trend; the
+    standard errors include this (`Unexplained`). The most significant of the four trends counts,
+    with its p-value times four: an arm without drift is reported in at most 1 % of sets
+    (benchmarks/drift.py), whatever the order of the rows. The order of the rows is tested as well,
+    because most drifts depend on time.
     """
     if auxiliary.temperature_c is None or np.ptp(auxiliary.temperature_c) < 0.1:
         return None
@@ -194,8 +191,8 @@ def _trends(
 
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """How far from the commanded (0) to the read (1) positions the robot really was, as
-    the points show it.
+    """The part of the way from the commanded (0) to the read (1) positions at which the points show
+    the robot.
     """
     commanded, read = auxiliary.q_commanded, auxiliary.q_read
     if commanded is None or read is None:

@@ -1,6 +1,4 @@
-"""Single mistakes that people make with a table, each with the measurements as they would be
-without it.
-"""
+"""Common single mistakes in a table, each with the measurements that result without it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +24,7 @@ LENGTHS = (
 
 @dataclass(frozen=True)
 class Mistake:
-    """One thing that may be wrong, in words, and the measurements without it."""
+    """A possible mistake, in words, and the measurements without it."""
 
     name: str
     text: str
@@ -34,8 +32,8 @@ class Mistake:
 
 
 def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
-    """Single mistakes that people make with a table, the likelier first, repaired in some of the
-    rows (k,).
+    """Common single mistakes in a table, more probable ones first, repaired in some of the rows
+    (k,).
     """
     measurements = every.rows(rows)
     robot, q = measurements.robot, measurements.q
@@ -99,7 +97,9 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
 
 
 def _joint_values_option(robot: Robot, q: Array, repaired: Array) -> str:
-    """The option that reads q (N, n) as the repaired ones, where the robot's coupling does it."""
+    """The option that reads q (N, n) as the repaired ones, where the robot's coupling explains the
+    mistake.
+    """
     if not robot.coupled:
         return ""
     if np.allclose(robot.to_serial(q), repaired):

@@ -1,5 +1,5 @@
-"""What the nominal robot makes of the measurements, and which single mistake in the data would
-explain a bad fit.
+"""Comparison of the measurements with the nominal robot, and the single mistakes that would explain
+a bad fit.
 """
 
 from dataclasses import replace
@@ -58,8 +58,8 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
 
 
 def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Whether a 6-D instrument's orientations turn as the robot does: the sensor must keep its
-    place in the tool.
+    """Whether the orientations of a 6-D instrument turn as the robot does: the sensor must be fixed
+    to the tool.
     """
     if measurements.rotations is None or len(measurements) < 3 or not np.isfinite(fit.rms):
         return None
@@ -80,7 +80,9 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _single_mistake(measurements: Measurements) -> list[Finding]:
-    """The mistake without which the robot explains the points, or that none of those tried does."""
+    """The mistake without which the robot explains the points, or a finding that none of the tried
+    ones does.
+    """
     rows = spread_rows(len(measurements), _MOST_ROWS)
     some = measurements.rows(rows)
     before = nominal_fit(some, free=True).rms
@@ -128,17 +130,15 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
 
 
 def _spread(measurements: Measurements) -> float:
-    """How far the points are from their mean, m rms: an arm that hardly moves fits points that
-    hardly do.
+    """Distance of the points from their mean, m rms. With an arm that hardly moves, the points
+    hardly spread.
     """
     points = measurements.points[measurements.seen]
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=-1).mean()))
 
 
 def _small_zero(measurements: Measurements) -> list[Finding]:
-    """One joint's zero position that is a little elsewhere, in data that fit the robot
-    otherwise.
-    """
+    """One joint with a small offset of its zero position, in data that otherwise fit the robot."""
     zero = zero_of_one_joint(measurements, grid=False)
     if zero is None:
         return []
@@ -147,7 +147,9 @@ def _small_zero(measurements: Measurements) -> list[Finding]:
 
 
 def _rows_off(measurements: Measurements) -> Finding | None:
-    """A few rows without which the rest fits: a slipped decimal, a joint value of another row."""
+    """A few rows without which all others fit: a slipped decimal, or the joint value of another
+    row.
+    """
     kept = np.arange(len(measurements))
     before = after = nominal_fit(measurements, free=True)
     for _ in range(10):
@@ -176,8 +178,8 @@ def _rows_off(measurements: Measurements) -> Finding | None:
 
 
 def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Finding:
-    """A given set-up that does not fit: the targets in another order, or the frame or the targets
-    altogether.
+    """A given set-up that does not fit: targets in another order, or a wrong frame or wrong
+    targets.
     """
     setup, m = measurements.setup, len(measurements.setup.targets)
     if setup.targets_known and 2 <= m <= 5:
@@ -222,9 +224,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
 
 
 def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
-    """Estimated targets that stand where the robot's description has them, but numbered
-    otherwise.
-    """
+    """Estimated targets that are where the robot's description has them, but in another order."""
     targets = measurements.robot.targets
     if measurements.setup.targets_known or len(targets) != len(setup.targets) or len(targets) < 2:
         return None
@@ -244,7 +244,7 @@ def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
 
 
 def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | None, np.ndarray]:
-    """Rows whose targets are numbered otherwise than in the rest of the file."""
+    """Rows whose targets are in another order than in the other rows of the file."""
     count, none = len(measurements), np.zeros(0, dtype=int)
     if len(measurements.setup.targets) < 2 or not np.isfinite(stated.rms):
         return None, none
@@ -282,8 +282,8 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
 
 
 def _orders(measurements: Measurements, setup: Setup) -> np.ndarray:
-    """Which measured point is target i, per row, judged by a set-up: (N, m); as given unless
-    another order is far better.
+    """Which measured point is target i in each row, by a set-up: (N, m); the given order unless
+    another one is far better.
     """
     poses = setup.T_instrument_base @ measurements.robot.mechanism.forward(measurements.q)
     predicted = transform_points(poses, setup.targets)

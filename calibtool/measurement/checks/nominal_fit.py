@@ -1,4 +1,4 @@
-"""The nominal robot registered to measured points: what every check of the data starts from."""
+"""The nominal robot registered to measured points, from which the checks of the data start."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from calibtool.robot.se3 import Array
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set-up, what it leaves of the points (N, 3m) in K_0, and the rms distance per target, m
+    """A set-up, its residuals of the points (N, 3m) in K_0, and the rms distance per target, m
     (infinite: no fit).
     """
 
@@ -24,8 +24,8 @@ class Fit:
 
 
 def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
-    """The nominal robot registered to the points (orientations left aside); free: given parts of
-    the set-up too.
+    """The nominal robot registered to the points, without orientations; free: given parts of the
+    set-up, too.
     """
     points = measurements.points_alone()
     setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup

@@ -1,5 +1,5 @@
-"""Single mistakes with readings that are no points: rows slipped, lengths in another unit, a zero
-of a wire, poses of a board inverted or mirrored.
+"""Single mistakes with readings other than points: rows shifted, lengths in another unit, an offset
+of a wire's zero, poses of a board inverted or mirrored.
 """
 
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def reading_findings(measurements: Measurements, before: float) -> list[Finding]:
-    """The mistake without which the nominal robot explains the readings best, if by far; before:
-    the rms with it, m.
+    """The mistake without which the nominal robot explains the readings best, if it does so by far;
+    before: the rms with it, m.
     """
     tried = [(_rms(m.repaired), m) for m in _mistakes(measurements)]
     after, mistake = min(tried, key=lambda pair: pair[0], default=(np.inf, None))
@@ -70,7 +70,9 @@ def _mirrored(measurements: Measurements, rotations: Array) -> Measurements:
 
 
 def _rms(measurements: Measurements) -> float:
-    """Of the lengths that the nominal robot leaves, m; infinite where it cannot be registered."""
+    """Rms of the residual lengths of the nominal robot, m; infinite where it cannot be
+    registered.
+    """
     poses = measurements.robot.mechanism.forward(measurements.q)
     try:
         setup = register(measurements, poses)

@@ -27,8 +27,8 @@ class _Pairs:
     along: Array
 
     def moved(self, change: Array) -> tuple[str, Array]:
-        """The target whose shift explains changes (P,) of the distances best, and its
-        smallest such shift, m.
+        """The target whose displacement explains changes (P,) of the distances best, and the
+        smallest such displacement, m.
         """
         answers = []
         for i in range(max(b for _, b in self.index) + 1):
@@ -43,10 +43,11 @@ class _Pairs:
 
 
 def shape_findings(measurements: Measurements, wrong_rows: np.ndarray) -> list[Finding]:
-    """Bumped targets, rows with a target out of place, scatter of the distances;
-    coordinates taken twice.
+    """Targets that were displaced, rows with a target out of place, scatter of the distances, and
+    coordinates that occur twice.
 
-    wrong_rows: indices (k,) of rows that are explained already (targets swapped) and are left out.
+    wrong_rows: indices (k,) of rows that are not checked because they are explained (swapped
+    targets).
     """
     return [*_equal_coordinates(measurements), *_distances(measurements, wrong_rows)]
 
@@ -132,8 +133,8 @@ def _pairs(points: Array) -> _Pairs:
 
 
 def _running_median(values: Array) -> Array:
-    """Median of each row and two on either side (at the ends: of the first or last five), which
-    keeps steps: (N, P).
+    """Median of each row and two on either side (at the ends: of the first or last five): (N, P).
+    It keeps steps.
     """
     middle = np.clip(np.arange(len(values)), 2, len(values) - 3)
     result: Array = np.median(values[middle[:, None] + np.arange(-2, 3)], axis=1)

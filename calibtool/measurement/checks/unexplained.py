@@ -1,5 +1,5 @@
-"""How much of a series some cause explains, beside what errors of the robot could (generalised
-least squares).
+"""Part of a series that a cause explains beyond the errors of the robot (generalised least
+squares).
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ _ORDERS = {"harmonics": 2}  # of families that have several
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """The covariance of residuals (N, d) of an arm with errors of every family, each of its
+    """The covariance of residuals (N, d) of an arm with errors of every family within its
     tolerance, and noise.
 
-    A   (N d, p) what an error of one tolerance, or a free set-up, does, over the stated noise
+    A   (N d, p) effect of an error of one tolerance, or of a free set-up, over the stated noise
     K   (p, p) (AᵀA + I)⁻¹
     """
 

@@ -1,6 +1,4 @@
-"""Zero positions of joints: one that is elsewhere, or all of them, where these explain the
-points.
-"""
+"""Offsets of the zero positions of one joint or of all joints that explain the points."""
 
 from dataclasses import dataclass, replace
 
@@ -32,7 +30,7 @@ class Zeros:
     rms: float
 
     def finding(self, before: float) -> Finding:
-        """What is wrong, and by how much."""
+        """The finding: which joints, and their offsets."""
         robot = self.measurements.robot
         units = [("mm", 1e3) if p else ("deg", 180.0 / np.pi) for p in robot.prismatic]
         size = self.offsets * [factor for _, factor in units]
@@ -56,10 +54,11 @@ class Zeros:
 
 
 def zero_of_one_joint(measurements: Measurements, *, grid: bool) -> Zeros | None:
-    """The joint whose own offset explains the points best; with `grid`, offsets all round are
+    """The joint whose offset explains the points best; with `grid`, offsets over the whole turn are
     tried.
 
-    None where no offset is large enough to be a mistake, or the outer joints alone could show it.
+    None where no offset is large enough to be a mistake, or where only the outer joints could show
+    it.
     """
     robot, best = measurements.robot, None
     few = measurements.rows(spread_rows(len(measurements), _FEW_ROWS))
@@ -85,8 +84,8 @@ def zeros_of_all_joints(measurements: Measurements) -> Zeros | None:
 
 
 def _rounded(found: Zeros, j: int) -> Zeros:
-    """A multiple of 15 deg where it explains the points as well: the rest is the arm's own
-    errors.
+    """A multiple of 15 deg where it explains the points as well: the difference is due to the arm's
+    own errors.
     """
     if found.measurements.robot.prismatic[j]:
         return found
@@ -105,7 +104,7 @@ def _moved(measurements: Measurements, j: int, offset: float) -> Measurements:
 
 
 def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zeros:
-    """Gauss and Newton's iteration over the offsets of some joints, the instrument's frame and the
+    """Gauss–Newton iteration over the offsets of some joints, the instrument's frame and the
     targets.
     """
     points = measurements.points_alone()
@@ -122,8 +121,9 @@ def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zero
         return linearised(points, state[1], T, columns, targets=True)
 
     def solve(system: tuple[Array, Array], _: float) -> tuple[Array, bool]:
-        columns, left = system
-        step = np.linalg.lstsq(columns.reshape(-1, columns.shape[-1]), left.ravel(), rcond=1e-6)[0]
+        columns, residual = system
+        flat = columns.reshape(-1, columns.shape[-1])
+        step = np.linalg.lstsq(flat, residual.ravel(), rcond=1e-6)[0]
         return step.astype(float), bool(np.abs(step).max() < 1e-8)
 
     def move(state: tuple[Array, Setup], step: Array) -> tuple[Array, Setup]:
@@ -132,12 +132,12 @@ def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zero
         return moved, update_setup(state[1], step[k : k + 6], step[k + 6 :])
 
     def cost(state: tuple[Array, Setup]) -> float:
-        return float((_left(points, state) ** 2).sum())
+        return float((_residual(points, state) ** 2).sum())
 
     state, _, _ = gauss_newton((offsets, first.setup), linearise, solve, move, _ITERATIONS, cost)
     rms = float(np.sqrt(cost(state) / points.seen.sum())) * points.noise_position
     return Zeros(measurements, state[0], rms if np.isfinite(first.rms) else np.inf)
 
 
-def _left(points: Measurements, state: tuple[Array, Setup]) -> Array:
+def _residual(points: Measurements, state: tuple[Array, Setup]) -> Array:
     return weighted_residuals(points, state[1], points.robot.mechanism.forward(points.q + state[0]))

@@ -1,3 +1,3 @@
-"""Images of a board: what they show of it, the lens, and measurements of its corners. Needs OpenCV,
-the extra `camera`.
+"""Images of a board: detection, the lens, and measurements of its corners. Needs OpenCV, the extra
+`camera`.
 """

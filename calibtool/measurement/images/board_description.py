@@ -58,7 +58,7 @@ class BoardDescription(BaseModel):
 
     @property
     def words(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
         across, down = self.squares
         of = f" of {self.dictionary}" if self.dictionary else ""
         return f"{self.kind} of {across} × {down} squares of {self.square_mm:g} mm{of}"

@@ -1,4 +1,4 @@
-"""A picture of what was found in images: corners, and their reprojection errors enlarged."""
+"""A picture of the detection: corners, and their reprojection errors enlarged."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +17,8 @@ _ENLARGED = 40.0  # length of an error's line on the sheet, px per px
 
 
 def picture(paths: Sequence[Path], pixels: Array, lens: Lens, lost: Sequence[Path]) -> bytes:
-    """A PNG with every image: found corners (N, m, 2) as circles, their reprojection errors as
-    lines `_ENLARGED` times as long; images that show nothing come last, with their names.
+    """A PNG with every image: found corners (N, m, 2) as circles, reprojection errors as lines
+    `_ENLARGED` times as long. Images without a board come last, with their names.
     """
     cv2 = opencv()
     tiles = []

@@ -19,11 +19,11 @@ _LEAST = 6  # corners that tell a pose with some redundancy
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What one image shows.
+    """The result of the detection in one image.
 
     size       width and height, px; 0, 0 for a file that is no image
     pixels     (m, 2) corners of the board, NaN where it was not found
-    sharpness  variance of the Laplacian: small where everything is blurred
+    sharpness  variance of the Laplacian: small in a blurred image
     """
 
     name: str
@@ -33,13 +33,15 @@ class Seen:
 
     @property
     def found(self) -> int:
-        """How many corners; none where they are too few for a pose."""
+        """Number of corners; 0 where they are too few for a pose."""
         count = int(np.isfinite(self.pixels[:, 0]).sum())
         return count if count >= _LEAST else 0
 
 
 def read_image(path: Path) -> Any:
-    """A grey image (h, w) uint8 as its sensor saw it, or None for what is no image."""
+    """A grey image (h, w) uint8 in the sensor's orientation, or None for a file that is no
+    image.
+    """
     cv2 = opencv()
     data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     if not len(data):
@@ -51,9 +53,10 @@ def read_image(path: Path) -> Any:
 
 
 def detect(paths: Sequence[Path], board: BoardDescription) -> Iterator[Seen]:
-    """What each image shows of the board, in their order; several at a time.
+    """The corners of the board in each image, in their order; several images are processed in
+    parallel.
 
-    Raises UsageError without OpenCV, InputError for a dictionary that there is not.
+    Raises UsageError without OpenCV, InputError for an unknown dictionary.
     """
     cv2 = opencv()
     cv2.setNumThreads(1)  # images are shared out instead
@@ -90,10 +93,10 @@ def corners_of(image: Any, board: BoardDescription) -> Array:
 
 
 def _refined(image: Any, pixels: Array, board: BoardDescription) -> Array:
-    """Corners of a ChArUco board (m, 2), found again in windows that no marker reaches into.
+    """Corners of a ChArUco board (m, 2), detected again in windows without markers.
 
-    OpenCV takes one window for all corners of an image; where the board is seen at a slant the
-    markers pull the corners away by a pixel.
+    OpenCV uses one window size for all corners of an image. Where the board is seen at a slant,
+    markers in the window shift the corners by up to a pixel.
     """
     cv2 = opencv()
     seen = np.flatnonzero(np.isfinite(pixels[:, 0]))
@@ -126,7 +129,7 @@ def _mapped(H: Array, points: Array) -> Array:
 
 
 def off_plane(pixels: Array, board: BoardDescription) -> float:
-    """How far corners (m, 2) are from those of the flat board by a homography, px rms; infinite for
+    """Distance of corners (m, 2) from those of the flat board by a homography, px rms; infinite for
     fewer than six.
     """
     seen = np.isfinite(pixels[:, 0])

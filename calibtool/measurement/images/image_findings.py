@@ -1,4 +1,4 @@
-"""What is wrong with images of a board: nothing found, mirrored, blurred, of another board."""
+"""Problems of images: no board, mirrored, blurred, or another board."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -81,7 +81,7 @@ def board_findings(
 
 
 def reprojection_finding(names: Sequence[str], lens: Lens) -> tuple[list[Finding], np.ndarray]:
-    """Images whose corners are far from where the lens shows the board, and which stay: (N,)."""
+    """Images with large reprojection errors, which are kept: (N,)."""
     rms = lens.image_rms
     far = ~(rms <= max(_FAR * float(np.nanmedian(rms)), _AT_LEAST))
     if not far.any():
@@ -97,7 +97,7 @@ def reprojection_finding(names: Sequence[str], lens: Lens) -> tuple[list[Finding
 
 
 def _seen_in(images: Sequence[Any], board: BoardDescription) -> int:
-    """In how many images the board is found, flat."""
+    """Number of images in which the board is found, and flat."""
     apart = [off_plane(corners_of(image, board), board) for image in images]
     return sum(rms < _FLAT * image.shape[1] for rms, image in zip(apart, images, strict=True))
 
@@ -148,9 +148,10 @@ def _markers(images: Sequence[Any], dictionary: int) -> tuple[np.ndarray, Array,
 
 
 def _layout_rms(numbers: np.ndarray, centres: Array, owner: np.ndarray, across: int) -> float:
-    """How far the markers are from those of a flat board with so many squares across, px rms.
+    """Distance of the markers from those of a flat board with this number of squares across, px
+    rms.
 
-    Markers stand in the squares of one colour, numbered row by row.
+    Markers are in the squares of one colour, numbered row by row.
     """
     place = 2 * numbers + 1
     row = place // across

@@ -42,11 +42,11 @@ Camera = Literal["tool", "beside"]
 
 @dataclass(frozen=True, eq=False)
 class ImportedImages:
-    """Measurements, not registered yet, and what was found on the way to them.
+    """Measurements that are not registered yet, and the findings of their import.
 
     paths   of the images that are rows of the measurements
     lens    intrinsics, poses of the board and reprojection errors in these images
-    notes   what people should know, warnings apart
+    notes   notes for people, without warnings
     """
 
     measurements: Measurements
@@ -89,13 +89,15 @@ def import_images(
     encoding: str | None = None,
     progress: Progress = silent,
 ) -> ImportedImages:
-    """Find the board in every image, calibrate the lens unless intrinsics (9,) are given, and bring
-    corners and joint values together by the images' names or, without names, their order.
+    """Measurements from images of a board and a table of joint values.
 
+    The board is found in every image, the lens is calibrated unless intrinsics (9,) are given, and
+    images and joint values are matched by the images' names or, without names, by their order.
     camera: on the tool with the board fixed in the cell, or beside the arm with the board on the
-    tool. Images that show nothing are left out with a finding. Raises InputError where the images
-    do not show the board described, are mirrored, or belong to no row; NoSolutionError where the
-    lens cannot be calibrated; UsageError without OpenCV.
+    tool. Images without a board are left out with a finding.
+
+    Raises InputError where the images show another board than the one described, are mirrored, or
+    match no row; NoSolutionError where the lens cannot be calibrated; UsageError without OpenCV.
     """
     source = read_source(joints, joints_name, encoding=encoding)
     table = source.table
@@ -141,7 +143,9 @@ def import_images(
 
 def joined(table: Table, names: Sequence[str]) -> np.ndarray:
     """The row of a table for each image: (N,), by a column of file names or of names, else by
-    order. InputError where an image has no row, or the numbers differ without names.
+    order.
+
+    InputError where an image has no row, or where the numbers differ and there are no names.
     """
     columns = [column for column in table.header if spelt(column) in _FILES]
     stems = [Path(name).stem for name in names]
@@ -192,7 +196,7 @@ def _upright(
     T_base_tool: Array,
     intrinsics: Array | None,
 ) -> Array:
-    """Corners of a checkerboard (N, m, 2), numbered from the same end in every image."""
+    """Corners of a checkerboard (N, m, 2), numbered from the same corner in every image."""
     lens = _lens(pixels, corners, size, intrinsics)
     over = turned(lens.T_camera_board[:, :3, :3], T_base_tool[:, :3, :3])
     found = pixels.copy()
@@ -206,20 +210,16 @@ def _measurements(
     """Corners (N, m, 2) at q (N, n) as measurements, with the set-up to be registered."""
     distance = float(np.median(lens.T_camera_board[:, 2, 3]))
     scale = distance / lens.intrinsics[0]
-    one = readonly(np.eye(4)[None])
-    carried = {
-        "tool": {"T_tool_camera": readonly(np.eye(4)), "T_base_boards": one},
-        "beside": {"T_tool_board": readonly(np.eye(4)), "T_base_cameras": one},
+    on_tool, in_cell = {
+        "tool": ("T_tool_camera", "T_base_boards"),
+        "beside": ("T_tool_board", "T_base_cameras"),
     }[camera]
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        intrinsics=readonly(lens.intrinsics),
-        corners=readonly(board.corners),
-        image_scale=readonly([scale]),
-        **carried,  # type: ignore[arg-type]
+    setup = Setup.unknown(
+        np.zeros((1, 3)),
+        intrinsics=lens.intrinsics,
+        corners=board.corners,
+        image_scale=np.array([scale]),
+        **{on_tool: np.eye(4), in_cell: np.eye(4)[None]},
     )
     return Measurements(
         robot=robot,

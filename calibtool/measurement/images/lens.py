@@ -1,4 +1,4 @@
-"""The lens from images of a board, and how far corners are from where it would show them."""
+"""The lens from images of a board, and reprojection errors."""
 
 from dataclasses import dataclass
 
@@ -15,8 +15,9 @@ _TILT = np.deg2rad(5.0)  # between boards: less, and focal length and distance a
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Intrinsics (9,), see `kinds.projection`; of every image the pose of the board in the camera
-    (N, 4, 4), m, and the found minus the shown corners (N, m, 2), px, NaN where not found.
+    """Intrinsics (9,), see `kinds.projection`, and of every image the pose of the board in the
+    camera (N, 4, 4), m, and the reprojection errors, found minus predicted corners (N, m, 2), px,
+    NaN where not found.
     """
 
     intrinsics: Array
@@ -31,7 +32,7 @@ class Lens:
 
     @property
     def pixel_noise(self) -> float:
-        """Standard deviation of a coordinate, px, six unknowns of every image taken off."""
+        """Standard deviation of a coordinate, px, corrected for the six unknowns of every image."""
         count = np.isfinite(self.residual).sum()
         freedom = max(count - 6 * len(self.residual), 1)
         return float(np.sqrt(np.nansum(self.residual**2) / freedom))
@@ -40,7 +41,8 @@ class Lens:
 def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
     """A lens from corners (N, m, 2) in images of a size (px) of a flat board, corners (m, 3), m.
 
-    Raises NoSolutionError for fewer than five images, or boards that all look one way.
+    Raises NoSolutionError for fewer than five images, or boards that all have nearly one
+    orientation.
     """
     if len(pixels) < FEWEST:
         raise NoSolutionError(
@@ -68,8 +70,8 @@ def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
 
 
 def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
-    """A given lens (9,), with the poses of the board that it tells from corners (N, m, 2), px, of a
-    flat board (m, 3), m; see `calibrated`.
+    """A given lens (9,), with the poses of the board from corners (N, m, 2), px, of a flat board
+    (m, 3), m.
     """
     cv2 = opencv()
     K = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1]])

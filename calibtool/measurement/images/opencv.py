@@ -1,4 +1,4 @@
-"""OpenCV, imported when images are read or drawn and not before."""
+"""OpenCV, imported only when images are read or drawn."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Checkerboards look the same when turned by half a turn: which images show them turned."""
+"""Which images show a checkerboard turned by half a turn; it looks the same."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ _HALF = np.diag([-1.0, -1.0, 1.0])
 
 
 def turned(R_camera_board: Array, R_base_tool: Array) -> np.ndarray:
-    """Which images show the board turned by half a turn against the first one: (N,) bool.
+    """Which images show the board turned by half a turn relative to the first one: (N,) bool.
 
-    Between two images the board turns in the camera by the angle by which the tool turns, whatever
-    carries the camera. R (N, 3, 3). Every pair of images votes; the signs that agree with most
-    votes are those of the largest eigenvector of the votes.
+    Between two images the board turns in the camera by the angle by which the tool turns, whether
+    the camera or the board is on the tool. R (N, 3, 3). Every pair of images votes; the signs with
+    the most votes are those of the largest eigenvector of the votes.
     """
     tool = _angles(R_base_tool, np.eye(3))
     same = np.abs(_angles(R_camera_board, np.eye(3)) - tool)

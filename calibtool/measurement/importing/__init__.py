@@ -1,4 +1,4 @@
-"""Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel
+"""Import of files of instruments: tables by header or by map, SpatialAnalyzer's points, Excel
 sheets, joint files.
 """
 

@@ -56,9 +56,7 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`,
-    which see.
-    """
+    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`."""
     return read_table(
         data,
         name,
@@ -89,20 +87,24 @@ def read_table(
     board: bool = False,
     second_arm: SecondArm | None = None,
 ) -> Imported:
-    """Measurements and auxiliary from the contents of a file; nothing of the set-up is estimated
+    """Measurements and auxiliary readings from the contents of a file; the set-up is not estimated
     yet.
 
-    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
-    overrides the map's.
-    robot_targets: the targets are those of the robot's description, in their order. format,
-    sheet, layout: see
-    `sources.read_source`. stated: units and convention where the header is silent. joints: their
-    own file. joint_values:
-    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
-    commanded: targets
-    whose corrected joints the arm was driven to. second_arm: whose sensor sees the points.
+    columns        a map; missing parts are taken from the header's names (docs/file-formats.md)
+    frame          replaces the map's
+    robot_targets  the targets are those of the robot's description, in their order
+    format, sheet, layout, encoding   see `sources.read_source`
+    stated         units and convention that the header does not state
+    joints         the file of the joint values, where the table has none
+    joint_values   which joint values they are if the header does not say it
+                   (`Robot.joint_values`); replaces the map's
+    commanded      targets to whose corrected joints the arm was driven
+    board          poses are those of a board in a camera on the tool
+    second_arm     the arm whose sensor sees the points
+
     Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
-    the file, and for joint values of which nothing says whose they are, where it matters.
+    the file, and for joint values of which it is not known whether they are the controller's, where
+    they differ.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, encoding=encoding, **how)
@@ -246,9 +248,7 @@ def template_of(
     joints: JointFile | None = None,
     **how: str | None,
 ) -> str:
-    """A column map in TOML from the headers of a file and of the joints' own one, see
-    `read_table`.
-    """
+    """A column map in TOML from the headers of a file and of the joints' file, see `read_table`."""
     source = read_source(data, name, **how)
     table = source.table
     if joints is not None:
@@ -257,7 +257,7 @@ def template_of(
 
 
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
-    """A warning per target that is missing somewhere, with every line."""
+    """A warning for every target that is missing in some rows, with their lines."""
     return [
         f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
         f"{int((~seen[:, i]).sum())} of {len(seen)} "
@@ -269,7 +269,7 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
 
 
 def _driven(joints: Table) -> tuple[list[int], str | None]:
-    """Rows that got joints from `compensate`, and a warning about those that did not."""
+    """Rows that got joints from `compensate`, and a warning about the others."""
     if "status" not in joints.header:
         return list(range(len(joints))), None
     states = joints.texts("status")
@@ -289,9 +289,9 @@ def _whole(values: Array | None) -> bool:
 
 
 def _not_seen(points: Array) -> np.ndarray:
-    """Where points (N, m, 3) are 0, 0, 0, which no instrument reads to the last digit. (N, m)
+    """Where points (N, m, 3) are exactly 0, 0, 0, which is not a reading: (N, m) bool.
 
-    Points of a gauge are no readings: they come again and again, and one of them may be the origin.
+    Points of a gauge are not readings; they repeat, and one of them may be the origin.
     """
     distinct = len(np.unique(points.reshape(-1, 3), axis=0))
     if 2 * distinct <= len(points):
@@ -322,7 +322,7 @@ def _ignored(
     joined: JointFile | None,
     two_arms: bool,
 ) -> dict[str, list[str]]:
-    """Columns of each file that nothing is read from, not even to find a row by."""
+    """Columns of each file that are not used, not even to match rows."""
     beside = set(COMPENSATED)
     if joined is not None and joined.join != "index" and columns.join is not None:
         beside |= {columns.join.measured, columns.join.joints}

@@ -1,6 +1,4 @@
-"""The column map: which column of a table is what, in which unit, by which convention
-(`--columns MAP.toml`).
-"""
+"""The column map (`--columns MAP.toml`): meaning, unit and convention of the columns of a table."""
 
 from typing import Annotated, Literal
 
@@ -33,8 +31,8 @@ class _Strict(BaseModel):
 
 
 class JointColumns(_Strict):
-    """One column per joint, in the robot's order; one unit for all, or a list; whose
-    values they are.
+    """One column per joint, in the robot's order; one unit for all, or a list; whether the values
+    are the serial chain's or the controller's.
     """
 
     columns: list[str]
@@ -47,8 +45,8 @@ class JointColumns(_Strict):
 
 
 class TargetColumns(_Strict):
-    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where
-    its place is known.
+    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where its
+    position is known.
     """
 
     measured: Triple | None = None
@@ -113,7 +111,7 @@ class LengthColumns(_Strict):
 
 
 class PlaceColumn(_Strict):
-    """Labels of the places that rows belong to: stations, placements, boards, planes, spheres."""
+    """Labels of the places of rows: stations, placements, boards, planes, spheres."""
 
     column: str
 
@@ -147,8 +145,8 @@ class PayloadColumn(_Strict):
 
 
 class JoinColumns(_Strict):
-    """Which columns bring a row of the table and a row of the joint file together: names, or time
-    stamps with a unit.
+    """The columns by which rows of the table and of the joint file match: names, or time stamps
+    with a unit.
     """
 
     measured: str
@@ -170,7 +168,7 @@ class Noise(_Strict):
 
 
 class ColumnMap(_Strict):
-    """The contents of a `--columns` file; what it leaves out is found by the header's names."""
+    """The contents of a `--columns` file; missing parts are found by the header's names."""
 
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
@@ -202,7 +200,9 @@ class ColumnMap(_Strict):
         return {column for part in parts for column in part}
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with whose joint values they are; those read back too, unless they state it."""
+        """The same with the kind of its joint values; also of those read back, unless they state
+        it.
+        """
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})
@@ -234,8 +234,8 @@ def parse_column_map(text: str, name: str) -> ColumnMap:
 
 
 def check_convention(value: str) -> None:
-    """ValueError unless `value` names an orientation: Euler angles say whether the axes turn
-    along (`intrinsic`).
+    """ValueError unless `value` names an orientation; Euler angles say whether the axes turn
+    (`intrinsic`).
     """
     if value != "zyx" and not numbers_in(value):
         raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")

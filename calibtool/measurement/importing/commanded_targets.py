@@ -1,4 +1,4 @@
-"""Commanded targets of rows that were measured while the arm was driven to corrected joints."""
+"""Commanded targets of rows that were measured at corrected joints."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from calibtool.tables import Table
 
 
 class CommandedFile(NamedTuple):
-    """What went into `compensate`, joints or poses, and how its rows find the measured ones."""
+    """The input of `compensate`, joints or poses, and how its rows match the measured ones."""
 
     data: bytes | str
     name: str
@@ -26,10 +26,11 @@ class CommandedFile(NamedTuple):
 def join_commanded(
     measured: Table, commanded: CommandedFile, columns: JoinColumns | None
 ) -> tuple[Table, Table, list[str]]:
-    """The measured rows that have a commanded one, those commanded, warnings about the others.
+    """The measured rows that have a commanded one, these commanded rows, and warnings about the
+    others.
 
-    By a shared name where that is how rows find each other, otherwise by row order. Raises
-    InputError where the numbers of rows differ, or nothing fits.
+    Rows match by a shared name if this is how rows are joined, otherwise by their order. Raises
+    InputError where the numbers of rows differ, or nothing matches.
     """
     table = read_source(commanded.data, commanded.name).table
     how: Join = "name" if commanded.join == "name" else "index"
@@ -37,7 +38,7 @@ def join_commanded(
 
 
 def of_kept_rows(commanded: Table, before: Table, kept: Table) -> Table:
-    """The commanded rows that belong to the measured rows `kept`, of those `before`, in order."""
+    """The commanded rows of the measured rows `kept`, which are a part of `before`, in order."""
     return commanded.take(np.flatnonzero(np.isin(list(before.lines), list(kept.lines))))
 
 

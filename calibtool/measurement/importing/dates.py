@@ -1,4 +1,4 @@
-"""Time stamps as people write them: ISO 8601, 26.11.2026 10:00:13, 11/26/2026 10:00:13 AM."""
+"""Time stamps in common notations: ISO 8601, 26.11.2026 10:00:13, 11/26/2026 10:00:13 AM."""
 
 import re
 from collections.abc import Sequence
@@ -19,12 +19,11 @@ def is_date(text: str) -> bool:
 
 
 def seconds(texts: Sequence[str]) -> tuple[Array, int | None]:
-    """Seconds since 1970 of every text (N,), NaN where empty; and the first that is no date with
-    a time, None for none.
+    """Seconds since 1970 of every text (N,), NaN where empty; and the first text that is no date
+    with a time, or None.
 
-    With slashes the day stands first where any number there is above 12, and the month where one
-    is in the second place; a
-    list that leaves it open has none of them read.
+    With slashes the first number is the day if any is above 12, and the month if any second number
+    is. A list in which neither occurs is not read.
     """
     values = np.full(len(texts), np.nan)
     slashes = [match for match in map(_SLASHES.fullmatch, (t.strip() for t in texts)) if match]

@@ -1,5 +1,5 @@
-"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise what spreadsheets
-write.
+"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise the encodings of
+spreadsheets.
 """
 
 import codecs
@@ -23,9 +23,10 @@ _BEGINNING = 4000  # bytes, in which zeros tell UTF-16 without a mark
 
 
 def decoded(data: bytes, name: str, encoding: str | None = None) -> tuple[str, str | None]:
-    """The text, and the encoding where it was neither stated nor Unicode and had to be found.
+    """The text, and its encoding where it was neither stated nor Unicode.
 
-    Raises UsageError for an unknown encoding, InputError for bytes that are not of the stated one.
+    Raises UsageError for an unknown encoding, InputError for bytes that are not valid in the stated
+    one.
     """
     if encoding is not None:
         try:

@@ -17,12 +17,12 @@ _ROWS = 1_048_576  # of a sheet
 def parse_workbook(
     data: bytes, name: str, sheet: str | None = None, decimal: str | None = None
 ) -> Table:
-    """The first sheet of a workbook, or the named one, as a table; line numbers are
-    those of the sheet.
+    """The first sheet of a workbook, or the named one, as a table; line numbers are those of the
+    sheet.
 
-    Formulas give the value stored with them. Raises UsageError without openpyxl or for an unknown
-    sheet, InputError for what is no workbook, an empty sheet, a repeated column or a cell outside
-    the header's columns.
+    Of formulas the stored value is read. Raises UsageError without openpyxl or for an unknown
+    sheet, InputError for a file that is no workbook, an empty sheet, a repeated column or a cell
+    outside the header's columns.
     """
     try:
         import openpyxl

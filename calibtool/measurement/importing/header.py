@@ -1,4 +1,4 @@
-"""Meaning of the names of a header: the parts of a column map that no file gives."""
+"""Meaning of the names of a header: the parts of a column map that are not given."""
 
 import re
 from collections.abc import Sequence
@@ -36,8 +36,8 @@ from calibtool.tables import Table
 
 
 class Found(NamedTuple):
-    """What the names of headers say; an error instead of a part that they do not say, or not
-    clearly.
+    """The parts that the names of headers define; an error instead of a part that they do not
+    define clearly.
     """
 
     joints: JointColumns | InputError
@@ -53,10 +53,9 @@ class Found(NamedTuple):
 def parts_found(
     source: SourceTable, joints: Table, robot: Robot, stated: Stated, given: ColumnMap | None = None
 ) -> Found:
-    """The parts of a map that the headers' names give, those in `given` left aside.
+    """The parts of a map that the headers' names define, without those in `given`.
 
-    source: the measured values; joints: the table that holds the joint values, the same one
-    unless they have their own.
+    source: the measured values; joints: the table with the joint values, which may be the same.
     """
     given = given or ColumnMap()
     names = list(robot.chain.model.names)[1:]
@@ -89,8 +88,7 @@ def parts_found(
 def complete_map(
     source: SourceTable, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
 ) -> ColumnMap:
-    """The map with every part that it leaves out taken from the names of the headers
-    (docs/file-formats.md).
+    """The map, with its missing parts taken from the names of the headers (docs/file-formats.md).
 
     source, joints: see `parts_found`. Raises InputError where names or units are missing, or
     contradict what is stated.

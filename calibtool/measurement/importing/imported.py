@@ -1,4 +1,4 @@
-"""What an import gives: measurements, how the table was understood, and what was odd about it."""
+"""The result of an import: measurements, how the table was understood, and warnings."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -23,7 +23,7 @@ REGISTRATION_ROWS = 20_000
 
 
 class JointFile(NamedTuple):
-    """The joint values' own file and how its rows find theirs, see `joining.join_rows`."""
+    """The file of the joint values, and how its rows match, see `joint_files.join_rows`."""
 
     data: bytes | str
     name: str
@@ -34,7 +34,7 @@ class JointFile(NamedTuple):
 
 @dataclass(frozen=True)
 class Understood:
-    """How the files were read: for people, before anything is written (`preview.preview`)."""
+    """How the files were read, for people (`preview.preview`)."""
 
     source: SourceTable
     columns: ColumnMap
@@ -46,7 +46,7 @@ class Understood:
 
     @property
     def remarks(self) -> list[str]:
-        """What people should know of how the files were read, one line each."""
+        """Remarks for people on how the files were read, one line each."""
         unused = {name: columns for name, columns in self.ignored.items() if columns}
         return [
             *self.notes,
@@ -55,8 +55,8 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, how the files were understood;
-    joints as a stream.
+    """Measurements, warnings, auxiliary readings, how the files were understood, and the stream of
+    joints.
     """
 
     measurements: Measurements
@@ -104,8 +104,8 @@ class Imported(NamedTuple):
     def registered(self) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell
-        why.
+        Raises NoSolutionError for too few rows, with a warning about the table, which may be the
+        reason.
         """
         used = self.measurements
         used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))

@@ -1,4 +1,4 @@
-"""Joint values from a second file: which of its rows belongs to which measured row."""
+"""Joint values from a second file: matching of its rows with the measured rows."""
 
 from typing import Literal, get_args
 
@@ -27,18 +27,14 @@ def join_rows(
     columns: JoinColumns | None = None,
     tolerance_s: float = JOIN_TOLERANCE,
 ) -> tuple[Table, Table, list[str]]:
-    """Both tables with the rows that found a partner, in the order of the measured ones, and
-    warnings about the others.
+    """The rows of both tables that match, in the order of the measured ones, and warnings about the
+    others.
 
-    how: `index` by row order (equally many rows), `name` by the columns of names that agree (or
-    those
-    that `columns` says), `time` by the nearest stamp at most `tolerance_s` away. Rows without a
-    partner
-    are counted in a warning, and named by their lines where these are few; the rows of a log of
-    joints
-    between two measurements are no matter.
-    Raises InputError when nothing fits, the numbers of rows differ (index), or a name stands
-    twice in `joints`.
+    how: `index` by row order (equal numbers of rows), `name` by the columns of names that agree, or
+    those of `columns`, `time` by the nearest stamp, at most `tolerance_s` away. Rows without a
+    match are counted in a warning, and listed by their lines where there are few. Rows of a log of
+    joints between two measurements are not reported. Raises InputError when nothing matches, the
+    numbers of rows differ (index), or a name occurs twice in `joints`.
     """
     if how == "index":
         if len(measured) != len(joints):
@@ -72,7 +68,7 @@ def join_rows(
 
 
 def _which(table: Table, rows: np.ndarray) -> str:
-    """Their lines, where they are not too many to look at."""
+    """Their lines, if there are few enough to list."""
     lines = line_ranges([table.lines[int(row)] for row in rows])
     return f": line {lines}" if lines.count(",") < _MOST_RANGES else ""
 

@@ -1,5 +1,5 @@
-"""Columns of joint values under any of their names: J1, A1, `Achse 1`, joint_1, a joint of the
-URDF, S L U R B T.
+"""Columns of joint values by their usual names: J1, A1, `Achse 1`, joint_1, a joint of the URDF, S
+L U R B T.
 """
 
 import re
@@ -48,7 +48,7 @@ _QUATERNIONS = (("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"))  # both scal
 
 
 def joint_names(columns: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
-    """What columns mean: `j1_deg`, `j1`, `j1_read_deg`, `read_j1`; `qw` … for a quaternion
+    """The meaning of columns: `j1_deg`, `j1`, `j1_read_deg`, `read_j1`; `qw` … for a quaternion
     that is numbered as joints are.
 
     joints: names of the joints in the URDF, in their order.

@@ -1,4 +1,4 @@
-"""The part of the set-up that a table, its map and the options give; the rest is registered."""
+"""The part of the set-up that a table, its map and the options give."""
 
 from dataclasses import replace
 
@@ -20,10 +20,10 @@ def known_setup(
     name: str,
     labels: tuple[str, ...] = (),
 ) -> Setup:
-    """What is known of the set-up; unknown parts stand at zero until they are registered.
+    """The known part of the set-up; unknown parts are zero until they are registered.
 
     points (N, m, 3): measured targets. Raises InputError for targets that the robot does not have,
-    or that do not determine what they should (collinear, two the same).
+    or that do not determine an orientation (collinear, two the same).
     """
     m = points.shape[1]
     targets, known = np.zeros((m, 3)), False

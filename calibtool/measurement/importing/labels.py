@@ -1,4 +1,4 @@
-"""Names of rows: which columns hold them, and which names of two files are the same."""
+"""Names of rows: the columns that hold them, and equal names of two files."""
 
 import re
 from collections.abc import Sequence
@@ -20,21 +20,21 @@ def label_columns(table: Table) -> list[str]:
 
 
 def label_keys(texts: Sequence[str]) -> list[str]:
-    """Names as they are compared: capitals and leading zeros do not count. Empty names stay
+    """Names in a form for comparison, without capitals and leading zeros. Empty names stay
     empty.
     """
     return [re.sub(r"0*(\d+)", r"\1", text.strip().casefold()) for text in texts]
 
 
 def numbers_alone(keys: Sequence[str]) -> list[str]:
-    """The number at the end of each name, or the name where there is none: `p7` and `7` are one."""
+    """The number at the end of each name, or the name without one: `p7` and `7` are equal."""
     return [match[1] if (match := re.search(r"(\d+)$", key)) else key for key in keys]
 
 
 def compared(one: Sequence[str], other: Sequence[str]) -> tuple[list[str], list[str]]:
     """The names of two files in the form in which more of the first are in the second.
 
-    By their numbers alone only where that keeps the names of either file apart.
+    Only their numbers are compared if this keeps the names of each file distinct.
     """
     exact = list(one), list(other)
     plain = label_keys(one), label_keys(other)
@@ -53,7 +53,7 @@ def overlap(one: Sequence[str], other: Sequence[str]) -> int:
 
 def label_pair(measured: Table, joints: Table) -> tuple[str, str] | None:
     """The columns of two tables whose names agree most, `name` in both before all others; None
-    where none do.
+    without any.
     """
     if "name" in measured.header and "name" in joints.header:
         return "name", "name"

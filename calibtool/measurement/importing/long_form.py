@@ -1,5 +1,5 @@
-"""One measured point per line → one row per configuration: the point's name holds the
-configuration and the target.
+"""Lists with one measured point per line → one row per configuration, by the names of the
+points.
 """
 
 import re
@@ -24,13 +24,12 @@ Key = tuple[str, str]
 def one_row_each(
     table: Table, joints: Table | None, joint_names: Sequence[str]
 ) -> tuple[Table, str | None]:
-    """The table with one row per configuration, and how its names were read; as it is where it is
-    no list of points.
+    """The table with one row per configuration, and how its names were read; unchanged if it is no
+    list of points.
 
-    joints: the joint values' own file, whose names or number of rows tell the configurations;
-    None: they stand in the
-    table, the same in every line of a configuration. joint_names: of the URDF.
-    Raises InputError where a target is twice in a configuration.
+    joints: the file of the joint values, whose names or number of rows tell the configurations;
+    None: they are in the table, equal in every line of a configuration. joint_names: of the URDF.
+    Raises InputError where a target occurs twice in a configuration.
     """
     names = named(table, joint_names)
     unit = next((u for u in ("_mm", "_m", "_in", "") if names.has(f"{a}{u}" for a in "xyz")), None)
@@ -55,7 +54,7 @@ def one_row_each(
 
 
 def _readings(table: Table, labels: Sequence[str]) -> Iterator[list[Key]]:
-    """Configuration and target of every row, in each way in which the names can be read."""
+    """Configuration and target of every row, for each possible reading of the names."""
     for configuration, target in permutations(labels, 2):
         yield list(zip(table.texts(configuration), table.texts(target), strict=True))
     for column in labels:
@@ -68,7 +67,7 @@ def _readings(table: Table, labels: Sequence[str]) -> Iterator[list[Key]]:
 
 
 def _plausible(table: Table, keys: list[Key], joints: Table | None, own: Sequence[str]) -> bool:
-    """Whether a reading gives whole configurations that the joint values agree with."""
+    """Whether a reading gives complete configurations that agree with the joint values."""
     configurations = list(dict.fromkeys(configuration for configuration, _ in keys))
     targets = {target for _, target in keys}
     if not all(c and t for c, t in keys) or len(set(keys)) < len(keys):
@@ -107,7 +106,7 @@ def _wide(
     labels: Sequence[str],
     unit: str,
 ) -> Table:
-    """Rows of a configuration put side by side; other columns keep the value of its first line."""
+    """Rows of a configuration side by side; other columns keep the value of its first line."""
     rest = [c for c in table.header if c not in (*points, *labels)]
     header = ["name", *(f"t{i + 1}_{a}{unit}" for i in range(len(targets)) for a in "xyz"), *rest]
     twice = [c for c in rest if c and c in header[: 1 + 3 * len(targets)]]

@@ -20,10 +20,11 @@ _Cells = dict[tuple[int, int], str]  # columns by row and column of the matrix, 
 
 
 def matrix_names(table: Table, columns: Sequence[str]) -> dict[str, str]:
-    """What columns mean: `r11` … `r33`, and `x y z` with their unit where the matrix holds them.
+    """The meaning of columns: `r11` … `r33`, and `x y z` with their unit where the matrix holds
+    them.
 
-    Only numbers that are a rotation in most rows are taken as one; which of 12 or 16 numbered
-    columns is which is told by their values. Raises InputError where two sets of columns are.
+    Only numbers that are a rotation in most rows are accepted. The order of 12 or 16 numbered
+    columns is found by their values. Raises InputError where there are two sets of such columns.
     """
     short = [column for column in columns if len(column) <= _LONGEST]
     found = [m for m in (*_indexed(short), *_lettered(short)) if _rotates(table, m)]
@@ -113,7 +114,7 @@ def _values(table: Table, names: Sequence[str]) -> Array | None:
 
 
 def _rotates(table: Table, cells: _Cells) -> bool:
-    """Whether the matrix is whole and, mirrored or not, turns in most of the rows."""
+    """Whether the matrix is complete and, mirrored or not, a rotation in most of the rows."""
     wanted = [(i, j) for i in range(3) for j in range(3)]
     if any(cell not in cells for cell in wanted):
         return False

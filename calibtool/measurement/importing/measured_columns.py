@@ -1,4 +1,4 @@
-"""Columns of what was measured: target points, a pose, lengths, by the names of a header."""
+"""Columns of measured values: target points, a pose, lengths, by the names of a header."""
 
 import re
 from collections.abc import Sequence
@@ -93,7 +93,7 @@ def _targets(names: Named, stated: Stated) -> list[TargetColumns]:
 
 
 def _originals(names: Named, columns: list[str]) -> list[str]:
-    """What the file calls them; a name that lacks stays, for the message that says so."""
+    """Their names in the file; a missing name stays for the message."""
     return [names.original.get(column, column) for column in columns]
 
 
@@ -154,8 +154,8 @@ def _position(names: Named, stated: Stated) -> tuple[list[str], LengthUnit] | No
 
 
 def _pose(names: Named, stated: Stated) -> PoseColumns | None:
-    """A position with an orientation beside it. Three angles without a convention are refused,
-    never guessed.
+    """A position with an orientation. Three angles without a convention are refused, never
+    guessed.
     """
     position = _position(names, stated)
     if position is None:

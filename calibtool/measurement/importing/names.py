@@ -1,5 +1,7 @@
-"""Columns by the names of docs/file-formats.md, whatever instruments and controllers call them;
-capitals do not matter.
+"""Columns renamed to the names of docs/file-formats.md, whatever instruments and controllers call
+them.
+
+Capitals do not matter.
 """
 
 from collections.abc import Iterable, Sequence
@@ -57,11 +59,10 @@ class Named:
 
 
 def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -> Named:
-    """The table's columns under plain names; one that says nothing keeps its own.
+    """The table's columns under standard names; a column whose name is not understood keeps it.
 
-    joints: names of the joints in the URDF, in their order. taken: columns that a map speaks for,
-    left out.
-    Raises InputError where two columns mean the same.
+    joints: names of the joints in the URDF, in their order. taken: columns of the map, left out.
+    Raises InputError where two columns have the same meaning.
     """
     spoken_for = set(taken)
     free = [column for column in table.header if column and column not in spoken_for]

@@ -1,5 +1,5 @@
-"""Columns of orientations under the name of what they belong to: `RB QX`, `t-mac q0`, `STS Roll`,
-`Rigid Body 1 Rotation X`, `Rx from Y (deg)`.
+"""Columns of orientations under the name of their object: `RB QX`, `t-mac q0`, `STS Roll`, `Rigid
+Body 1 Rotation X`, `Rx from Y (deg)`.
 """
 
 import re
@@ -20,7 +20,7 @@ _THREE = (("rx", "ry", "rz"), ("roll", "pitch", "yaw"))
 
 
 class Turned(NamedTuple):
-    """Words before the names of an orientation, and what its columns mean."""
+    """Words before the names of an orientation, and the meaning of its columns."""
 
     who: frozenset[str]
     columns: dict[str, str]

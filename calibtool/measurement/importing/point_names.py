@@ -1,6 +1,4 @@
-"""Columns of measured points under any of their names: X1 Y1 Z1, `T1 X (mm)`, SMR_A X [mm], x y
-z.
-"""
+"""Columns of measured points by their usual names: X1 Y1 Z1, `T1 X (mm)`, SMR_A X [mm], x y z."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -38,11 +36,11 @@ _OTHER = set(_OTHERS.split())  # values that are no measured point
 def point_names(
     columns: Sequence[str], place: str, turned: Collection[frozenset[str]] = ()
 ) -> tuple[dict[str, str], frozenset[str]]:
-    """What columns mean: `x_mm`, `t2_y_mm`, `x` …, and the words before the names of a single
-    point. Robots' own positions count only where nothing else was measured.
+    """The meaning of columns: `x_mm`, `t2_y_mm`, `x` …, and the words before the names of a single
+    point. A robot's own positions count only where nothing else was measured.
 
-    turned: words before the names of orientations; a single point of that name is a pose.
-    Raises InputError where two columns mean the same, or two sets of columns may be the measured
+    turned: words before the names of orientations; a single point of that name is a pose. Raises
+    InputError where two columns have the same meaning, or two sets of columns may be the measured
     points.
     """
     meant = {column: column.lower() for column in columns if _OWN.fullmatch(column.lower())}
@@ -89,7 +87,7 @@ def point_names(
 
 
 def owner(words: Collection[str]) -> frozenset[str]:
-    """Whose a value is: the words of its name that do not say what it is."""
+    """The object of a value: the words of its name that do not name the quantity."""
     return frozenset(words) - _PLAIN
 
 

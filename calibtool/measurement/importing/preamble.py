@@ -1,5 +1,5 @@
-"""Lines round the header that are no rows: what an instrument says of itself first, and a line of
-units below.
+"""Lines around the header that are no rows: the instrument's own text before it, and a line of
+units after it.
 """
 
 import re
@@ -14,12 +14,12 @@ _COMMENT = re.compile(r"\s*(?:#|//|%|;)\s*")
 
 
 def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[list[str], bool]:
-    """The lines with those before the header left empty, and whether there were any; numbers of
-    lines stay.
+    """The lines with those before the header emptied, so that line numbers stay, and whether there
+    were any.
 
-    The header is the line before the first row, and has as many cells as the row: names, not
-    numbers. A line of units below
-    it is taken into its names (`X [mm]`), and a comment sign before it is dropped.
+    The header is the line before the first row. It has as many cells as the row: names, not
+    numbers. A line of units below it is joined to its names (`X [mm]`), and a comment sign before
+    it is removed.
     """
     head = lines[:_MOST_LINES]
     filled = [i for i, line in enumerate(head) if line.strip(" \t;,\r")]

@@ -15,11 +15,11 @@ _FIRST_ROWS = 3
 
 
 def preview(imported: Imported) -> str:
-    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first
-    rows as understood.
+    """Robot, columns, units, frame, noise, numbers of rows, unused columns, and the first rows as
+    understood.
 
-    The last lines say how well the nominal robot fits once the unknown parts of the set-up are
-    registered: a wrong unit, order of joints or Euler convention shows there.
+    The last lines state the fit of the nominal robot after registration of the unknown parts of the
+    set-up, which shows a wrong unit, order of joints or Euler convention.
     """
     measurements, understood = imported.measurements, imported.understood
     robot, columns, table = measurements.robot, understood.columns, understood.source.table
@@ -91,7 +91,7 @@ def preview(imported: Imported) -> str:
 
 
 def _fact(key: str, value: str) -> list[str]:
-    """A fact in lines of 80 columns, its value beside its name."""
+    """A name and its value, wrapped to lines of 80 columns."""
     beside = " " * 16
     return wrap(
         f"{key:<15} {value}",
@@ -194,7 +194,7 @@ def _number(value: float) -> str:
 
 
 def _fit(imported: Imported) -> str:
-    """How far the nominal robot is from the measured points after registration."""
+    """Distance of the nominal robot from the measured points after registration."""
     try:
         measurements = imported.registered().measurements
     except NoSolutionError as error:

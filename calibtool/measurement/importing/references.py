@@ -1,6 +1,4 @@
-"""Rows brought back into one frame by points fixed to the base, read beside them or in a file of
-their own.
-"""
+"""Correction of rows for a motion of the instrument, from reference points fixed to the base."""
 
 from dataclasses import replace
 
@@ -21,15 +19,14 @@ from calibtool.robot.se3 import Array, readonly
 def brought_back(
     imported: Imported, file: tuple[bytes | str, str] | None = None, stated: Stated = Stated()
 ) -> tuple[Imported, list[str], bool]:
-    """The rows as if they were all measured when the references were first read, what was found
-    in words, and whether rows moved.
+    """The rows as if all were measured when the references were first read, notes, and whether rows
+    moved.
 
-    The instrument's motion is that of `instrument_motion`, in time where both have stamps, by the
-    order of the rows otherwise; rows of labelled places each for themselves. Rows stay as they are
-    where the readings do not say more than their noise.
-    file: contents and name of a table with the readings, instead of the columns of the table.
-    Raises UsageError without references and for what is not measured in an instrument's frame,
-    InputError for readings that do not belong to the rows.
+    The instrument's motion is that of `instrument_motion`, over time where both have stamps,
+    otherwise over the order of the rows; each labelled place has its own. Rows do not change where
+    the motion of the references is within their noise. file: contents and name of a table with the
+    readings, instead of columns of the table. Raises UsageError without references and for values
+    that are not in an instrument's frame, InputError for readings that do not match the rows.
     """
     measurements, auxiliary = imported.measurements, imported.auxiliary
     table = imported.understood.source.table.name
@@ -99,8 +96,8 @@ def brought_back(
 def _motion(
     references: ReferencePoints, instants: Array, points: Array, noise: float
 ) -> tuple[str, InstrumentMotion | None]:
-    """What is said of the readings for points (N, m, 3) measured at instants (N,), and the motion
-    where it is clear.
+    """Notes on the readings for points (N, m, 3) measured at instants (N,), and the motion where it
+    is significant.
     """
     clean, gross = references.ordered().without_gross(noise)
     readings = len(np.unique(clean.times))

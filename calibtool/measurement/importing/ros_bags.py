@@ -1,5 +1,5 @@
-"""ROS 2 bags and mcap files as two tables with stamps: joints, and what was measured. Needs
-rosbags, the extra `ros`.
+"""ROS 2 bags and mcap files as two tables with stamps: joints and measured values. Needs rosbags,
+extra `ros`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ _SUFFIXES = (".mcap", ".db3", ".bag")
 
 
 class BagTables(NamedTuple):
-    """Two tables as CSV text, and which topics they are from."""
+    """Two tables as CSV text, and the topics from which they are."""
 
     measured: str
     joints: str

@@ -11,12 +11,11 @@ from calibtool.measurement.measurements import Measurements
 def choose_rows(
     count: int, rows: str | None, sample: int | None, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1
-    and both included.
+    """Indices (k,) of the chosen rows and of the others, both rising. rows: 'A:B', from 1 and both
+    included.
 
-    `sample` draws so many of them at random.
-
-    Raises UsageError for a range or a number that does not fit.
+    sample: a random sample of this number of rows. Raises UsageError for a range or a number that
+    does not fit.
     """
     chosen = np.arange(count)
     if rows is not None:
@@ -35,21 +34,19 @@ def choose_rows(
 def select_rows(
     measurements: Measurements, rows: str | None, sample: int | None, seed: int
 ) -> tuple[Measurements, Measurements]:
-    """The chosen rows of measurements and the rest, see `choose_rows`; both keep the
-    set-up as it is.
-    """
+    """The chosen rows of measurements and the others, see `choose_rows`; both keep the set-up."""
     chosen, rest = choose_rows(len(measurements), rows, sample, seed)
     return measurements.rows(chosen), measurements.rows(rest)
 
 
-def line_ranges(lines: list[int], most: int = 200) -> str:
-    """Line numbers for a message, neighbours joined, at most so many ranges: '3, 7-9, 12'."""
+def line_ranges(lines: list[int]) -> str:
+    """Line numbers for a message, neighbours joined, at most 200 ranges: '3, 7-9, 12'."""
     ranges: list[list[int]] = []
     for line in lines:
         if ranges and line == ranges[-1][1] + 1:
             ranges[-1][1] = line
         else:
             ranges.append([line, line])
-    texts = [str(first) if first == last else f"{first}-{last}" for first, last in ranges[:most]]
-    more = sum(last - first + 1 for first, last in ranges[most:])
+    texts = [str(first) if first == last else f"{first}-{last}" for first, last in ranges[:200]]
+    more = sum(last - first + 1 for first, last in ranges[200:])
     return ", ".join(texts) + (f" and {more} more lines" if more else "")

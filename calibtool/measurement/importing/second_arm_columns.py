@@ -24,9 +24,9 @@ class SecondArm(NamedTuple):
 
 
 def seen_from(measurements: Measurements, table: Table, arm: SecondArm) -> Measurements:
-    """The same points, as those of a sensor on the second arm: every row is a pose of it.
+    """The same points as those of a sensor on the second arm, whose pose changes with every row.
 
-    Raises InputError where its joint values are missing, or points are not what was measured.
+    Raises InputError where its joint values are missing, or where no points were measured.
     """
     if measurements.kind != "points" or measurements.place is not None:
         raise InputError(

@@ -28,10 +28,10 @@ FORMATS: tuple[str, ...] = get_args(Format)
 
 @dataclass(frozen=True)
 class SourceTable:
-    """What was read, how it was understood; `points` where it is a list of points instead of a
+    """The table of a file and how it was read; `points` if it is a list of points instead of a
     table with a header.
 
-    notes: what had to be found out to read it, in words.
+    notes: remarks on how it was read.
     """
 
     table: Table
@@ -51,12 +51,11 @@ def read_source(
     layout: str | None = None,
     encoding: str | None = None,
 ) -> SourceTable:
-    """The table in a file's contents. Without `format` the contents tell: a workbook starts as a
-    zip file, a list of points
-    has numbers where a header would have names.
+    """The table in a file's contents. Without `format` the contents decide: a workbook is a zip
+    file, a list of points has numbers where a header would have names.
 
-    Raises InputError for contents that are not of the format, UsageError for an option that is of
-    another format.
+    Raises InputError for contents that are not of the format, UsageError for an option of another
+    format.
     """
     if format is None and not isinstance(data, str) and data.startswith(ZIP):
         format = "excel"

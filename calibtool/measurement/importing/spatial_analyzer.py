@@ -73,7 +73,7 @@ def looks_like_points(text: str) -> bool:
 
 
 def parse_points(text: str, name: str, layout: str | None = None) -> PointList:
-    """The points of a text, one row per configuration with empty cells for targets that lack.
+    """The points of a text, one row per configuration with empty cells for missing targets.
 
     Raises InputError with the line for a bad line, a target that a configuration repeats, or names
     that do not fit.
@@ -199,8 +199,8 @@ def _keys(points: list[_Point], layout: str, name: str) -> list[tuple[tuple[str,
 
 
 def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
-    """The shortest ends of the keys that still tell all of them apart, joined as
-    SpatialAnalyzer does.
+    """The shortest ends of the keys that keep all of them distinct, joined as SpatialAnalyzer
+    does.
     """
     for length in range(1, len(keys[0])):
         if len({key[-length:] for key in keys}) == len(keys):

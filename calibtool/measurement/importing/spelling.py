@@ -33,9 +33,7 @@ _GAPS = re.compile(r"[\s_.\-/:]+")
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """A name without its unit, and the unit as calibtool writes it; None where it has none that is
-    known.
-    """
+    """A name without its unit, and the unit as calibtool writes it; None without a known unit."""
     for name, unit in _ends(column):
         if (known := UNITS.get(unit.lower())) is not None:
             return name, known

@@ -1,4 +1,4 @@
-"""What a user states about a table where its header does not."""
+"""Statements of the user about a table that its header does not contain."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ class Stated:
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
     convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector`
-    (docs/file-formats.md)
+                 (docs/file-formats.md)
     """
 
     unit: LengthUnit | None = None

@@ -1,6 +1,4 @@
-"""A column map written from the header that was found, to be completed by hand (`import
---map-template`).
-"""
+"""A column map from the header of a file, to be completed by hand (`import --map-template`)."""
 
 import json
 from collections.abc import Sequence
@@ -16,11 +14,9 @@ _UNKNOWN = "?"
 
 
 def map_template(source: SourceTable, joints: Table, robot: Robot, stated: Stated) -> str:
-    """TOML with what the header tells filled in, and what it does not tell as comments that say
-    what to do.
+    """TOML with the parts that the header defines, and comments that explain the others.
 
-    source: the measured values; joints: the table of the joint values, the same one unless they
-    have their own.
+    source: the measured values; joints: the table of the joint values, which may be the same.
     """
     found = parts_found(source, joints, robot, stated)
     assumed = Stated(stated.unit or "mm", stated.angle_unit or "deg", stated.convention)

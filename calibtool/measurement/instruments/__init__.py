@@ -1,8 +1,8 @@
-"""Simulated instruments that people have beside a tracker: contact, wires, a probe, cameras.
+"""Simulated instruments besides a tracker: contact, wires, probes, cameras, a second arm.
 
-Each places itself in the cell, drives the actual robot to where it sees something, and reads with
-its own noise. The instrument's set-up is kept as truth, and unknown to every fit. A new instrument
-is one more line here.
+Each chooses its place in the cell, drives the actual robot to where it sees something, and reads
+with its own noise. Its set-up is kept as truth, and unknown to every fit. A new instrument is one
+more line here.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ INSTRUMENTS: dict[str, Callable[[Cell, int, int, np.random.Generator], Observed]
 
 
 def unknown(setup: Setup) -> Setup:
-    """The set-up as an estimator may start from it: nothing of it is known but its kind."""
+    """The set-up as an estimator may start from it: only its kind is known."""
     blank = replace(
         setup,
         T_instrument_base=readonly(np.eye(4)),

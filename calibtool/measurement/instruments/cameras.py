@@ -32,13 +32,8 @@ def camera_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator
         q.append(own)
         poses.append(_noisy(seen, rng))
         boards.append(T_base_board)
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        T_tool_camera=readonly(T_tool_camera),
-        T_base_boards=readonly(np.array(boards)),
+    setup = Setup.unknown(
+        np.zeros((1, 3)), T_tool_camera=T_tool_camera, T_base_boards=np.array(boards)
     )
     return _board_poses(setup, q, poses, labels("board", places))
 
@@ -112,7 +107,7 @@ def _ahead(distance: float) -> Array:
 
 
 def _noisy(poses: Array, rng: np.random.Generator) -> Array:
-    """Poses (N, 4, 4) with a camera's noise: position and left turn along its axes."""
+    """Poses (N, 4, 4) with a camera's noise: position, and rotation in the camera's axes."""
     noise = rng.normal(size=(len(poses), 6)) * CAMERA_NOISE
     turned = exp6(np.concatenate([np.zeros((len(poses), 3)), noise[:, 3:]], axis=-1))
     noisy = poses.copy()

@@ -10,10 +10,10 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.setup import Setup
-from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, transform_points
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool
@@ -25,10 +25,10 @@ _ROUNDS = 5  # of the iteration for errors of joint motions
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What a simulated instrument read at q (N, n), where, and how well.
+    """The readings of a simulated instrument at q (N, n), with its set-up, places and noise.
 
-    deviations  (N, d) standard deviations, None: the stated noise holds
-    noise       standard deviation of a coordinate where it is the instrument's own, m
+    deviations  (N, d) standard deviations, None: the stated noise is valid
+    noise       standard deviation of a coordinate where the instrument has its own, m
     """
 
     q: Array
@@ -41,10 +41,10 @@ class Observed:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """The robot that an instrument observes: nominal and actual, where it works, noise in m.
+    """The robot that an instrument observes, nominal and actual, its workspace, and the noise in m.
 
-    gauge  length that the instrument has with it, m: between the sockets of a gauge, or the height
-           of a block on a plane; None: its own
+    gauge  length of the instrument's gauge, m: between its two sockets, or the height of a block on
+           a plane; None: the default
     """
 
     robot: Robot
@@ -97,8 +97,8 @@ class Cell:
         )
 
     def _from(self, start: Array, count: int, rng: np.random.Generator) -> Array:
-        """Joint positions (count, n) to start from: one of them, and for the other half any, so
-        that the arm comes to a place in all of its branches.
+        """Joint positions (count, n) to start from: half of them one given position, half random,
+        so that the arm reaches a place in all of its branches.
         """
         low, high = np.maximum(self.robot.lower, -np.pi), np.minimum(self.robot.upper, np.pi)
         anywhere = low + (high - low) * rng.random((count, len(start)))
@@ -106,7 +106,7 @@ class Cell:
         return anywhere
 
     def _commanded(self, reached: Array) -> Array:
-        """Joint positions to ask for so that the joints really are at `reached` (N, n)."""
+        """Joint positions to command so that the joints really are at `reached` (N, n)."""
         q = reached
         for _ in range(_ROUNDS):
             q = reached - (self.actual.errors.at(q)[1] - q)
@@ -114,7 +114,7 @@ class Cell:
 
 
 def shares(count: int, places: int) -> list[int]:
-    """Numbers of rows of each of several places: as even as can be."""
+    """Numbers of rows of each of several places, as equal as possible."""
     return [len(part) for part in np.array_split(np.arange(count), places)]
 
 

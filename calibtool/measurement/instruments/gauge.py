@@ -1,4 +1,4 @@
-"""A gauge with two sockets that a tip is put into."""
+"""A gauge with two sockets into which a tip is put."""
 
 import numpy as np
 
@@ -19,8 +19,10 @@ GAUGE = 0.05  # m between the two sockets of the gauge
 
 
 def contact(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
-    """A tip put into the two sockets of a gauge, which is laid down in several places: target
-    points in the gauge's frame. They are exact, and the tip is beside them by the noise.
+    """A tip put into the two sockets of a gauge that is placed at several places.
+
+    The measured points are the exact sockets in the gauge's frame; the tip differs from them by the
+    noise.
     """
     q, points, place, frames = [], [], [], []
     starts = cell.apart(places, rng)

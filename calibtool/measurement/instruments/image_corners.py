@@ -1,4 +1,4 @@
-"""Cameras of which the corners of a board are read in the image, on the tool and beside the arm."""
+"""Cameras with image coordinates of the corners of a board, on the tool and beside the arm."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from calibtool.measurement.instruments.cell import Cell, Observed, labels, share
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.kinds.projection import project
 from calibtool.measurement.setup import Setup
-from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, inverse, transform_points
 
 LENS = np.array([1400.0, 1400.0, 800.0, 600.0, -0.11, 0.08, 4e-4, -3e-4, -0.02])  # px and 1
 SIZE = (1600, 1200)  # px
@@ -77,15 +77,12 @@ def _observed(
     pixels = pixels + rng.normal(size=pixels.shape) * PIXEL_NOISE
     place = np.repeat(np.arange(len(q)), [len(part) for part in q])
     scale = _MIDDLE / LENS[0]
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(np.zeros((1, 3))),
-        frame_known=False,
-        targets_known=False,
-        intrinsics=readonly(LENS),
-        corners=readonly(BOARD.corners),
-        image_scale=readonly([scale]),
-        **{name: readonly(array) for name, array in arrays.items()},  # type: ignore[arg-type]
+    setup = Setup.unknown(
+        np.zeros((1, 3)),
+        intrinsics=LENS,
+        corners=BOARD.corners,
+        image_scale=np.array([scale]),
+        **arrays,
     )
     readings = Readings(
         np.full((len(pixels), 1, 3), np.nan),
@@ -109,7 +106,7 @@ def _images(board: Array) -> Array:
 
 
 def _useful(pixels: Array) -> np.ndarray:
-    """Rows (k,) of images with corners enough."""
+    """Rows (k,) of images with enough corners."""
     return np.flatnonzero(np.isfinite(pixels[..., 0]).sum(axis=-1) >= _LEAST)
 
 
@@ -125,7 +122,7 @@ def _views(count: int, rng: np.random.Generator, scale: float = 1.0) -> Array:
 
 
 def _centred(turned: Array, middle: Array) -> Array:
-    """Poses with these rotations (N, 4, 4) whose board has its middle at points (N, 3)."""
+    """Poses with these rotations (N, 4, 4) and the middle of the board at points (N, 3)."""
     poses = turned.copy()
     centre = BOARD.corners.mean(axis=0)
     poses[:, :3, 3] = middle - turned[:, :3, :3] @ centre

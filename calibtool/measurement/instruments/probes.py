@@ -5,14 +5,15 @@ import numpy as np
 from calibtool.measurement.instruments.cell import TIP, Cell, Observed, labels, shares, tilted, tip
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.setup import Setup
-from calibtool.robot.se3 import Array, exp6, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, transform_points
 
 RADIUS = 0.08  # m, of a sphere and the tip
 
 
 def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
-    """A tip put onto planes of 0.4 m: heights of zero, but for the noise of the contact. With a
-    gauge block every other contact is on its top.
+    """A tip put onto planes of 0.4 m: heights of zero plus the noise of the contact.
+
+    With a gauge block, about half of the contacts are on its top.
     """
     q, place, planes, heights = [], [], [], []
     starts = cell.apart(places, rng)
@@ -36,13 +37,7 @@ def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -
             np.zeros(rows) if not cell.gauge else cell.gauge * np.round(above / cell.gauge)
         )
     read = np.concatenate(heights)[:, None] + rng.normal(size=(count, 1)) * cell.noise
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(TIP[None]),
-        frame_known=False,
-        targets_known=False,
-        planes=readonly(np.array(planes)),
-    )
+    setup = Setup.unknown(TIP[None], planes=np.array(planes))
     readings = Readings(
         np.full((count, 1, 3), np.nan), None, read, np.concatenate(place) if places > 1 else None
     )
@@ -66,13 +61,7 @@ def sphere_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) 
         place.append(np.full(rows, g))
         spheres.append([*centre, RADIUS])
     gaps = rng.normal(size=(count, 1)) * cell.noise
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(TIP[None]),
-        frame_known=False,
-        targets_known=False,
-        spheres=readonly(np.array(spheres)),
-    )
+    setup = Setup.unknown(TIP[None], spheres=np.array(spheres))
     own = np.concatenate(place) if places > 1 else None
     readings = Readings(np.full((count, 1, 3), np.nan), None, gaps, own)
     return Observed(np.concatenate(q), setup, readings, labels("sphere", places))

@@ -7,7 +7,7 @@ from calibtool.measurement.instruments.cell import TIP, Cell, Observed
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, inverse, transform_points
 
 _SENSOR = np.array([0.02, -0.03, 0.12, 0.2, -0.1, 0.5])  # on the second flange
 _SEEN = 0.05  # m: the ball is this near to the middle of the sensor
@@ -16,7 +16,7 @@ _TRIES = 100
 
 
 def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
-    """The second arm stands anew for every row; both see each other all over the workspace."""
+    """The second arm takes a new pose for every row, such that its sensor sees the tool."""
     robot = cell.robot
     T_base_base2 = exp6(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.5]))
     T_base_base2[:2, 3] = _APART * robot.length * np.array([0.8, 0.6])
@@ -49,14 +49,11 @@ def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) ->
     seen = inverse(T_base_base2 @ flange @ T_flange2_sensor) @ cell.actual.forward(q)
     points = transform_points(seen, TIP[None])
     points = points + rng.normal(size=points.shape) * cell.noise
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(TIP[None]),
-        frame_known=False,
-        targets_known=False,
-        T_base2_flange2=readonly(flange),
-        T_flange2_sensor=readonly(T_flange2_sensor),
-        T_base_base2=readonly(T_base_base2),
+    setup = Setup.unknown(
+        TIP[None],
+        T_base2_flange2=flange,
+        T_flange2_sensor=T_flange2_sensor,
+        T_base_base2=T_base_base2,
     )
     names = tuple(str(k + 1) for k in range(count))
     return Observed(q, setup, Readings(points, place=np.arange(count)), names)

@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.measurement.instruments.cell import TIP, Cell, Observed
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.setup import Setup
-from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.robot.se3 import Array, transform_points
 
 
 def wires(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
@@ -18,13 +18,7 @@ def wires(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Obse
     points = transform_points(cell.actual.forward(q), TIP[None])
     lengths = np.linalg.norm(points - anchors, axis=-1)
     lengths = lengths + rng.normal(size=lengths.shape) * cell.noise
-    setup = Setup(
-        readonly(np.eye(4)),
-        readonly(TIP[None]),
-        frame_known=False,
-        targets_known=False,
-        anchors=readonly(anchors),
-    )
+    setup = Setup.unknown(TIP[None], anchors=anchors)
     return Observed(q, setup, Readings(np.full((count, 1, 3), np.nan), None, lengths))
 
 

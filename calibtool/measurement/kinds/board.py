@@ -1,5 +1,5 @@
-"""Poses of boards fixed in the cell, seen by a camera on the tool: residuals in the camera's frame,
-where their noise is.
+"""Poses of boards fixed in the cell, seen by a camera on the tool; residuals are in the camera's
+frame, like their noise.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibtool.measurement.kinds.instrument import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.kinds.kind import Kind, Readings, of_place, places_of
 from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew
 
@@ -52,7 +52,7 @@ class BoardPose(Kind):
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         board = self._board(setup, T_base_tool, place)
-        own = np.zeros(len(board), dtype=int) if place is None else place
+        own = places_of(place, len(board))
         moving = _at(board) @ adjoint(board)
         boards = [moving * (own == g)[:, None, None] for g in range(len(_boards(setup)))]
         return np.concatenate([-_at(board), *boards], axis=-1)
@@ -70,9 +70,9 @@ class BoardPose(Kind):
         return np.broadcast_to(1.0 / sigma, (len(readings.points), 6)).copy()
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = self.residuals(readings, setup, T_base_tool)[:, :3]
+        residual = self.residuals(readings, setup, T_base_tool)[:, :3]
         turns = (T_base_tool @ _camera(setup))[:, :3, :3]
-        found: Array = -(turns @ left[..., None])[..., 0][:, None]
+        found: Array = -(turns @ residual[..., None])[..., 0][:, None]
         return found
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
@@ -125,7 +125,9 @@ def _boards(setup: Setup) -> Array:
 
 
 def _at(board: Array) -> Array:
-    """What a twist of the camera's frame does to a pose (N, 4, 4): position and turn (N, 6, 6)."""
+    """Effect of a twist of the camera's frame on a pose (N, 4, 4): position and rotation (N, 6,
+    6).
+    """
     moved = np.tile(np.eye(6), (len(board), 1, 1))
     moved[:, :3, 3:] = -skew(board[:, :3, 3])
     return moved

@@ -1,8 +1,8 @@
-"""Corners of boards in images: residuals in the image, where their noise is, and the lens free.
+"""Corners of boards in images; residuals are in the image, like their noise, and the lens is free.
 
-Two kinds, a camera on the tool that sees boards in the cell, and cameras beside the arm that see a
-board on the tool. Coordinates are pixels times `image_scale`, the length on the board that a pixel
-has at its mean distance, so that they are lengths like those of all other kinds.
+There are two kinds: a camera on the tool with boards in the cell, and cameras beside the arm with a
+board on the tool. Coordinates are pixels times `image_scale`, the length on the board of one pixel
+at its mean distance, so that they are lengths as for all other kinds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibtool.measurement.kinds.instrument import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.kinds.kind import Kind, Readings, of_place, places_of
 from calibtool.measurement.kinds.projection import (
     LENS,
     by_lens,
@@ -61,8 +61,8 @@ class Corners(Kind):
         assert readings.values is not None
         _, _, corners = self._in_camera(setup, T_base_tool, readings.place)
         pixels = project(corners, _array(setup, "intrinsics")).reshape(len(corners), -1)
-        left: Array = np.nan_to_num((readings.values - pixels) * _scale(setup))
-        return left
+        residual: Array = np.nan_to_num((readings.values - pixels) * _scale(setup))
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         camera, _, corners = self._in_camera(setup, T_base_tool, place)
@@ -74,7 +74,7 @@ class Corners(Kind):
         camera, board, corners = self._in_camera(setup, T_base_tool, place)
         by_twist = self._by_twist(setup, corners)
         of = {"camera": -by_twist, "board": by_twist @ adjoint(inverse(camera) @ board)}
-        own = np.zeros(len(corners), dtype=int) if place is None else place
+        own = places_of(place, len(corners))
         places = range(len(_array(setup, self.in_cell)))
         standing = [of[self.standing] * (own == g)[:, None, None] for g in places]
         lens = by_lens(corners, _array(setup, "intrinsics")) * _scale(setup)
@@ -94,11 +94,13 @@ class Corners(Kind):
         )
 
     def registered(self, setup: Setup) -> np.ndarray:
-        """All but the lens, which would bend to the errors of the robot."""
+        """All but the lens, which would take up errors of the robot."""
         return np.array([not name.startswith("lens.") for name in self.names(setup)])
 
     def sees(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> np.ndarray:
-        """Whether the whole board is in the image, taken to be twice as wide as the centre is."""
+        """Whether the whole board is in the image, whose size is assumed to be twice its centre
+        coordinates.
+        """
         _, _, corners = self._in_camera(setup, T_base_tool, place)
         intrinsics = _array(setup, "intrinsics")
         pixels = project(corners, intrinsics)
@@ -117,14 +119,14 @@ class Corners(Kind):
         assert readings.values is not None
         camera, _, corners = self._in_camera(setup, T_base_tool, readings.place)
         intrinsics = _array(setup, "intrinsics")
-        left = readings.values.reshape(len(corners), -1, 2) - project(corners, intrinsics)
+        residual = readings.values.reshape(len(corners), -1, 2) - project(corners, intrinsics)
         across = np.zeros_like(corners)
-        across[..., :2] = np.nan_to_num(left) / intrinsics[:2] * corners[..., 2:]
+        across[..., :2] = np.nan_to_num(residual) / intrinsics[:2] * corners[..., 2:]
         found: Array = across @ np.swapaxes(camera[:, :3, :3], -1, -2)
         return found if self.standing == "camera" else -found
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """What the tool carries, seen from what stands in the cell: origin and tips of the axes."""
+        """The object on the tool, seen from the object in the cell: origin and tips of the axes."""
         seen = self.poses(readings, setup)
         if self.standing == "board":
             seen = inverse(seen)
@@ -146,7 +148,7 @@ class Corners(Kind):
         return self._placed(super().in_base(setup, T_new_base), _array(setup, self.on_tool), moved)
 
     def poses(self, readings: Readings, setup: Setup) -> Array:
-        """Poses of the board in the camera, as each image alone tells them: (N, 4, 4), m."""
+        """Poses of the board in the camera from each image alone: (N, 4, 4), m."""
         assert readings.values is not None
         corners = _array(setup, "corners")
         pixels = readings.values.reshape(len(readings.values), -1, 2)
@@ -158,7 +160,9 @@ class Corners(Kind):
         return np.array(found)
 
     def _placed(self, setup: Setup, on_tool: Array, in_cell: Array) -> Setup:
-        """The set-up with what the tool carries (4, 4) and what stands in the cell (G, 4, 4)."""
+        """The set-up with poses of the object on the tool (4, 4) and of the objects in the cell (G,
+        4, 4).
+        """
         changed = {self.on_tool: readonly(on_tool), self.in_cell: readonly(in_cell)}
         return replace(setup, **changed)  # type: ignore[arg-type]
 

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, Readings
+from calibtool.measurement.kinds.kind import Readings
+from calibtool.measurement.kinds.tool_point import STARTS, ToolPoint
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
 
-_TARGETS = 0.1 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])  # m: starts
 
-
-class Distances(Kind):
+class Distances(ToolPoint):
     """d = w lengths |p − a_k|, p the point of the tool and a_k the fixed points in K_0."""
 
-    id, words, of_points = "distance", "distances to fixed points", False
+    id, words = "distance", "distances to fixed points"
     arrays: ClassVar = {"anchors": ((-1, 3), "m", "fixed points that distances are measured to")}
 
     def coordinates(self, setup: Setup) -> int:
@@ -34,8 +33,8 @@ class Distances(Kind):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, lengths, _ = _along(setup, T_base_tool)
-        left: Array = np.nan_to_num(readings.values - lengths)
-        return left
+        residual: Array = np.nan_to_num(readings.values - lengths)
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, units = _along(setup, T_base_tool)
@@ -60,20 +59,16 @@ class Distances(Kind):
             anchors=readonly(_anchors(setup) + step[3:].reshape(-1, 3)),
         )
 
-    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
-        assert readings.values is not None
-        return np.isfinite(readings.values) / noise_position
-
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = self.residuals(readings, setup, T_base_tool)
-        found: Array = left[..., None] * _along(setup, T_base_tool)[2]
+        residual = self.residuals(readings, setup, T_base_tool)
+        found: Array = residual[..., None] * _along(setup, T_base_tool)[2]
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point given, |p|² − l² = 2 p·a − |a|² is linear in a and |a|²."""
         assert readings.values is not None
         found = []
-        for target in setup.targets + _TARGETS:
+        for target in setup.targets + STARTS:
             points = transform_points(poses, target[None])[:, 0]
             anchors = []
             for lengths in readings.values.T:
@@ -85,9 +80,6 @@ class Distances(Kind):
                 replace(setup, targets=readonly(target[None]), anchors=readonly(np.array(anchors)))
             )
         return found
-
-    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
 
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
         anchors = readonly(transform_points(T_new_base, _anchors(setup)))

@@ -1,6 +1,4 @@
-"""What kinds share that an instrument with a frame of its own observes: one frame for every place
-where it stood.
-"""
+"""Base class of kinds whose instrument has its own frame, one for every place at which it stood."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, of_place
+from calibtool.measurement.kinds.kind import Kind, of_place, places_of
 from calibtool.robot.se3 import Array, exp6, readonly
 
 if TYPE_CHECKING:
@@ -20,10 +18,10 @@ COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class InstrumentKind(Kind):
-    """Coordinates are in K_0, three by three, and so are the free elements on the tool.
+    """Coordinates, and free elements on the tool, are in K_0, three by three.
 
-    The frame of the first place is the set-up's; a step of the base moves all of them, and those of
-    further places have a twist of their own beside it.
+    The frame of the first place is the set-up's. A step of the base moves all frames; those of
+    further places have a twist of their own in addition.
     """
 
     @abstractmethod
@@ -54,7 +52,7 @@ class InstrumentKind(Kind):
             blocks.append(turned.reshape(count, d, d))
         if _further(setup):
             matrix = self.matrix(setup, T_base_tool)
-            own = np.zeros(count, dtype=int) if place is None else place
+            own = places_of(place, count)
             blocks += [matrix * (own == g + 1)[:, None, None] for g in range(_further(setup))]
         return np.concatenate(blocks, axis=-1)
 

@@ -87,7 +87,7 @@ class Kind(ABC):
         """The set-up after a step (k,) of its free elements."""
 
     def blank(self, name: str, array: Array) -> Array:
-        """An array of the set-up as it is before anything is known: no place, no turn."""
+        """An array of the set-up before anything is known: zeros and identities."""
         if array.shape[-2:] in ((3, 3), (4, 4)):
             return np.broadcast_to(np.eye(array.shape[-1]), array.shape).copy()
         return np.zeros_like(array)
@@ -114,8 +114,8 @@ class Kind(ABC):
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         """Residuals as displacements of points in K_0: (N, ·, 3), m."""
-        left = self.residuals(readings, setup, T_base_tool)[:, self.lengths(setup)]
-        return left.reshape(len(left), -1, 3)
+        residual = self.residuals(readings, setup, T_base_tool)[:, self.lengths(setup)]
+        return residual.reshape(len(residual), -1, 3)
 
     # --- registration ---
 
@@ -159,7 +159,12 @@ class Kind(ABC):
         )
 
 
+def places_of(place: np.ndarray | None, count: int) -> np.ndarray:
+    """The number of each row's place, (count,); the first one where there are no labels."""
+    return np.zeros(count, dtype=int) if place is None else place
+
+
 def of_place(arrays: np.ndarray, place: np.ndarray | None, count: int) -> Array:
     """The array of each row's place: (G, …) → (count, …)."""
-    found: Array = arrays[np.zeros(count, dtype=int) if place is None else place]
+    found: Array = arrays[places_of(place, count)]
     return found

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.kinds.kind import Readings, of_place, places_of
+from calibtool.measurement.kinds.tool_point import STARTS, ToolPoint
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
 
-_TARGETS = 0.1 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])  # m: starts
 _STEP = 5e-3  # m between readings: they tell where the normal points
 
 
-class PlaneProbe(Kind):
+class PlaneProbe(ToolPoint):
     """d = 1: the height n·p − h of the tool's point p above the plane of the row's place."""
 
-    id, words, of_points = "plane", "heights above planes", False
+    id, words = "plane", "heights above planes"
     arrays: ClassVar = {
         "planes": ((-1, 4), "m", "unit normals of the planes and their distances from the origin")
     }
@@ -36,8 +36,8 @@ class PlaneProbe(Kind):
         assert readings.values is not None
         points, planes = _seen(setup, T_base_tool, readings.place)
         heights = (points * planes[:, :3]).sum(axis=-1) - planes[:, 3]
-        left: Array = np.nan_to_num(readings.values - heights[:, None])
-        return left
+        residual: Array = np.nan_to_num(readings.values - heights[:, None])
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, planes = _seen(setup, T_base_tool, place)
@@ -46,7 +46,7 @@ class PlaneProbe(Kind):
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, planes = _seen(setup, T_base_tool, place)
-        own = np.zeros(len(points), dtype=int) if place is None else place
+        own = places_of(place, len(points))
         count = len(_planes(setup))
         of_planes = np.zeros((len(points), count, 3))
         for g in range(count):
@@ -66,24 +66,20 @@ class PlaneProbe(Kind):
         targets = readonly(setup.targets + step[:3])
         return replace(setup, targets=targets, planes=readonly(planes))
 
-    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
-        assert readings.values is not None
-        return np.isfinite(readings.values) / noise_position
-
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = self.residuals(readings, setup, T_base_tool)
+        residual = self.residuals(readings, setup, T_base_tool)
         normals = _seen(setup, T_base_tool, readings.place)[1][:, None, :3]
-        found: Array = left[..., None] * normals
+        found: Array = residual[..., None] * normals
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
-        """With the tool's point given, a plane is that of the smallest extent of its points, or
-        across that in which the readings rise.
+        """With the tool's point given, each plane is fitted to its points: by their smallest
+        extent, or by the direction in which the readings increase.
         """
         assert readings.values is not None
         found = []
-        own = np.zeros(len(poses), dtype=int) if readings.place is None else readings.place
-        for target in setup.targets + _TARGETS:
+        own = places_of(readings.place, len(poses))
+        for target in setup.targets + STARTS:
             points = transform_points(poses, target[None])[:, 0]
             planes = []
             for g in range(len(_planes(setup))):
@@ -98,9 +94,6 @@ class PlaneProbe(Kind):
                 replace(setup, targets=readonly(target[None]), planes=readonly(np.array(planes)))
             )
         return found
-
-    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
 
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
         normals = _planes(setup)[:, :3] @ T_new_base[:3, :3].T

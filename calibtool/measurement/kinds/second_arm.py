@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class SeenFromArm(Kind):
-    """d = 3 m: x, y, z of each point in the sensor, whose noise is along its axes.
+    """d = 3 m: x, y, z of each point in the sensor, along whose axes the noise is stated.
 
-    A place is a pose of the second arm: the sensor stands at T_base_base2 T_base2_flange2
+    A place is a pose of the second arm: the sensor is at T_base_base2 T_base2_flange2
     T_flange2_sensor, of which the first and the last are free and the middle one is given.
     """
 
@@ -44,8 +44,8 @@ class SeenFromArm(Kind):
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         seen = self._seen(setup, T_base_tool, readings.place)
-        left: Array = np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
-        return left
+        residual: Array = np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         sensor = self._sensor(setup, place, len(T_base_tool))
@@ -80,9 +80,9 @@ class SeenFromArm(Kind):
         return seen
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = self.residuals(readings, setup, T_base_tool).reshape(len(T_base_tool), -1, 3)
-        sensor = self._sensor(setup, readings.place, len(left))
-        found: Array = left @ np.swapaxes(sensor[:, :3, :3], -1, -2)
+        residual = self.residuals(readings, setup, T_base_tool).reshape(len(T_base_tool), -1, 3)
+        sensor = self._sensor(setup, readings.place, len(residual))
+        found: Array = residual @ np.swapaxes(sensor[:, :3, :3], -1, -2)
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:

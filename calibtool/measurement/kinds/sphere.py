@@ -7,24 +7,24 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.kinds.kind import Readings, of_place, places_of
+from calibtool.measurement.kinds.tool_point import STARTS, ToolPoint
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
 
-_TARGETS = 0.1 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])  # m: starts
 _REFINED = 3  # of the starts
 
 
-class SphereProbe(Kind):
+class SphereProbe(ToolPoint):
     """d = 1: |p − c| − r, p the tool's point, c and r centre and radius of the row's sphere.
 
-    The radius is that of the sphere plus that of the tip. A radius of 0 is none to be estimated:
-    the readings are then distances from the centre, which is how a known radius is stated.
+    The radius is that of the sphere plus that of the tip. A radius of 0 is not estimated: the
+    readings are then distances from the centre. A known radius is stated in this way.
     """
 
-    id, words, of_points = "sphere", "distances from spheres", False
+    id, words = "sphere", "distances from spheres"
     arrays: ClassVar = {"spheres": ((-1, 4), "m", "centres and radii of the probed spheres")}
 
     def coordinates(self, setup: Setup) -> int:
@@ -38,8 +38,8 @@ class SphereProbe(Kind):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, distance, _, radius = _seen(setup, T_base_tool, readings.place)
-        left: Array = np.nan_to_num(readings.values - (distance - radius)[:, None])
-        return left
+        residual: Array = np.nan_to_num(readings.values - (distance - radius)[:, None])
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, away, _ = _seen(setup, T_base_tool, place)
@@ -47,7 +47,7 @@ class SphereProbe(Kind):
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, away, _ = _seen(setup, T_base_tool, place)
-        own = np.zeros(len(points), dtype=int) if place is None else place
+        own = places_of(place, len(points))
         belongs = own[:, None] == np.arange(len(_spheres(setup)))
         centres = -away[:, None] * belongs[..., None]
         radii = -belongs[:, _round(setup)].astype(float)
@@ -63,13 +63,9 @@ class SphereProbe(Kind):
         targets = readonly(setup.targets + step[:3])
         return replace(setup, targets=targets, spheres=readonly(spheres))
 
-    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
-        assert readings.values is not None
-        return np.isfinite(readings.values) / noise_position
-
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = self.residuals(readings, setup, T_base_tool)
-        found: Array = left[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
+        residual = self.residuals(readings, setup, T_base_tool)
+        found: Array = residual[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
@@ -78,11 +74,11 @@ class SphereProbe(Kind):
         and some round the tool's origin.
         """
         assert readings.values is not None
-        own = np.zeros(len(poses), dtype=int) if readings.place is None else readings.place
+        own = places_of(readings.place, len(poses))
         parts = [(poses[own == g], readings.values[own == g, 0]) for g in range(1 + own.max())]
         known = ~_round(setup)
         found = []
-        for target in np.concatenate([_linear_target(parts), setup.targets + _TARGETS]):
+        for target in np.concatenate([_linear_target(parts), setup.targets + STARTS]):
             spheres = np.zeros_like(_spheres(setup))
             for g, (part, lengths) in enumerate(parts):
                 points = transform_points(part, target[None])[:, 0]
@@ -97,13 +93,10 @@ class SphereProbe(Kind):
         return [start for _, start in sorted(found, key=lambda item: item[0])[:_REFINED]]
 
     def blank(self, name: str, array: Array) -> Array:
-        """Whether there is a radius to be estimated stays known."""
+        """Whether a radius is estimated stays known."""
         value = np.zeros_like(array)
         value[:, 3] = array[:, 3] != 0.0
         return value
-
-    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
 
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
         spheres = _spheres(setup).copy()
@@ -146,7 +139,7 @@ def _block_diagonal(blocks: list[Array]) -> Array:
 
 
 def _round(setup: Setup) -> np.ndarray:
-    """Which spheres have a radius of their own: (G,) bool."""
+    """Which spheres have a radius that is estimated: (G,) bool."""
     has: np.ndarray = _spheres(setup)[:, 3] != 0.0
     return has
 

@@ -1,118 +1,33 @@
-"""Options, formats and summaries of controller programs on the command line."""
+"""Controller programs on the command line: their files, written anew, and the summaries."""
 
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
-
-import typer
+from typing import TYPE_CHECKING
 
 from calibtool.cli.files import (
     STREAM,
     check_output,
     message,
     read_bytes,
-    read_text,
     same_file,
     shown,
     write_output,
     write_outputs,
     wrote,
 )
-from calibtool.cli.options import choice
+from calibtool.cli.program_flags import ROWS, ProgramFlags
 from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.units import count_of
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
-    from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OutsidePolicy
-    from calibtool.compensation.weighted_error import Weights
     from calibtool.programs.correction import ProgramOptions
     from calibtool.programs.program_summary import CompensatedProgram
-    from calibtool.robot.coupling import JointValues
-    from calibtool.robot.mechanism import Mechanism
-    from calibtool.robot.robot import Robot
 
 _COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
 _OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
 _HEADER = re.compile(rf"(^|[,;\s\"]){_COLUMN}($|[,;\s\"])")
-
-ROWS = ("csv", "ndjson")
-FORMATS = ("auto", *ROWS, "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory")
-EXTERNAL = ("leave", "ignore")
-Format = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        metavar="auto|csv|ndjson|fanuc-ls|kuka-krl|abb-rapid|ur-script|ros2-trajectory",
-        help="Rows (CSV, JSON objects one per line), or a controller program, which keeps all but "
-        "its targets' numbers.",
-    ),
-]
-OnError = Annotated[
-    str,
-    typer.Option(
-        "--on-error",
-        metavar="stop|skip",
-        help="Targets of a program without an answer: write nothing, or leave them.",
-    ),
-]
-FramesFile = Annotated[
-    str | None,
-    typer.Option(
-        "--frames",
-        metavar="FRAMES.toml",
-        help="Frames and tools that poses of a program refer to.",
-    ),
-]
-ControllerFile = Annotated[
-    str | None,
-    typer.Option(
-        "--controller",
-        metavar="nominal|FILE",
-        help="By which model the controller solves poses: "
-        "URDF, UR calibration yaml, calibration.conf, DH table.",
-    ),
-]
-Dh = Annotated[
-    str | None,
-    typer.Option(
-        "--dh", metavar="standard|modified", help="Convention of a DH table of --controller."
-    ),
-]
-WithFiles = Annotated[
-    list[str],
-    typer.Option(
-        "--with",
-        metavar="FILE",
-        help="Another file of the program, to look up frames, tools and positions; it is not "
-        "corrected. Repeatable.",
-    ),
-]
-Report = Annotated[
-    str | None,
-    typer.Option(
-        "--report",
-        metavar="FILE.csv",
-        help="Every position of a program, and why it is left if it is.",
-    ),
-]
-Partial = Annotated[
-    bool,
-    typer.Option(
-        "--partial",
-        help="Exit 0 although poses that the program moves to are left beside corrected ones.",
-    ),
-]
-External = Annotated[
-    str,
-    typer.Option(
-        "--external",
-        metavar="leave|ignore",
-        help="Poses with external axes: leave them, or look at the arm alone.",
-    ),
-]
 
 
 def recognised(path: str, head: bytes) -> str:
@@ -127,62 +42,6 @@ def recognised(path: str, head: bytes) -> str:
     from calibtool.programs.formats import detected
 
     return detected(text, "" if path == STREAM else path) or "csv"
-
-
-def program_options(
-    method: "Method",
-    outside: "OutsidePolicy",
-    on_error: str,
-    joint_values: "JointValues | None",
-    frames: str | None,
-    backlash: bool,
-    external: str,
-    largest_change: float | None,
-    weights: "Weights | None",
-    controller_model: "Mechanism | None",
-) -> "ProgramOptions":
-    """The options of a program. InputError for a bad frames file."""
-    from calibtool.programs.correction import ProgramOptions
-    from calibtool.programs.frames import NamedFrames, read_frames
-
-    return ProgramOptions(
-        method=method,
-        outside=outside,
-        on_error=on_error,
-        joint_values=joint_values,
-        frames=NamedFrames() if frames is None else read_frames(read_text(frames), shown(frames)),
-        backlash=backlash,
-        ignore_external=external == "ignore",
-        largest_change=largest_change,
-        weights=weights,
-        controller_model=controller_model,
-    )
-
-
-def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """Kinematics named by `--controller`, None without it; prints their distance."""
-    if given is None and dh is None:
-        return None
-    from calibtool.controller.controller_model import read_controller_model
-    from calibtool.errors import UsageError
-    from calibtool.robot.denavit_hartenberg import DH_CONVENTIONS, DhConvention
-
-    if dh is not None:
-        choice(dh, DH_CONVENTIONS, "--dh")
-    if given is None or (given == "nominal" and dh is not None):
-        raise UsageError(
-            "--dh is for a table of DH parameters; give it with --controller TABLE.csv"
-        )
-    if given == "nominal":
-        return robot.mechanism
-    model = read_controller_model(
-        read_text(given), shown(given), robot, cast("DhConvention | None", dh)
-    )
-    message(
-        f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.2f} mm and "
-        f"{model.orientation * 1e3:.2f} mrad from the nominal one, over the whole joint range"
-    )
-    return model.mechanism
 
 
 def check_not_input(output: str, *inputs: str) -> None:
@@ -206,23 +65,21 @@ def compensate_file(
     output: str,
     force: bool,
     options: "ProgramOptions",
-    others: list[str],
-    report: str | None,
-    partial: bool,
+    flags: ProgramFlags,
     bounds: str,
 ) -> None:
     """Write the corrected program and its report; the summary and the bounds on stderr.
 
     NoSolutionError (after all is written) for a program that is corrected in part,
-    unless `partial`.
+    unless --partial is given.
     """
     from calibtool.programs.compensate import compensate_texts
 
-    looked_up = [(shown(other), read_bytes(other), False) for other in others]
+    looked_up = [(shown(other), read_bytes(other), False) for other in flags.with_ or []]
     texts = iter([(shown(path), data, True), *looked_up])
     del data  # large programs are kept once, as text
     result = compensate_texts(calibration, texts, kind, options)
-    reports = {} if report is None else {report: result.report()}
+    reports = {} if flags.report is None else {flags.report: result.report()}
     if output == STREAM:
         write_output(output, result.data, force, text=True)
         write_outputs({**reports}, force)
@@ -231,7 +88,7 @@ def compensate_file(
     _tell(shown(path), result)
     message(bounds)
     wrote(output, "the corrected program")
-    _check_whole([result], shown(path), partial)
+    _check_whole([result], shown(path), flags.partial)
 
 
 def compensate_folder(
@@ -241,9 +98,7 @@ def compensate_folder(
     output: str,
     force: bool,
     options: "ProgramOptions",
-    others: list[str],
-    report: str | None,
-    partial: bool,
+    flags: ProgramFlags,
     bounds: str,
 ) -> None:
     """The same for all programs of a folder; those of one language are treated as one program.
@@ -268,8 +123,9 @@ def compensate_folder(
     languages: dict[str, list[tuple[str, bytes, bool]]] = {}
     for path, data, language in found:
         languages.setdefault(language, []).append((path, data, True))
-    looked_up = {other: read_bytes(other) for other in others}
+    looked_up = {other: read_bytes(other) for other in flags.with_ or []}
     results = []
+    report = flags.report
     outputs: dict[str, bytes | str] = {}
     for language, texts in languages.items():
         more = [(o, d, False) for o, d in looked_up.items() if recognised(o, d[:65536]) == language]
@@ -289,7 +145,7 @@ def compensate_folder(
         _tell(f"{folder} ({language})", result)
     message(bounds)
     wrote(output, count_of(len(outputs) - (report is not None), "corrected program"))
-    _check_whole(results, folder, partial)
+    _check_whole(results, folder, flags.partial)
 
 
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
