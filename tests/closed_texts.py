@@ -1,5 +1,6 @@
-"""Descriptions with closed loops, changed: the texts of a built-in robot, or a URDF of few "
-"joints."""
+"""Descriptions with closed loops, changed: the texts of a built-in robot, or a URDF of few
+joints.
+"""
 
 from pathlib import Path
 

@@ -12,8 +12,8 @@ from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.compensation.status import NOT_CLOSED
 from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.joints import equivalent_robot
-from calibtool.errormodel.actual import random_actual
-from calibtool.errors import InputError
+from calibtool.errormodel.actual import ErrorScales, random_actual
+from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
@@ -195,6 +195,14 @@ def test_configurations_at_which_a_robot_does_not_close_cannot_be_measured() -> 
     robot = load_robot("fivebar")
     with pytest.raises(InputError, match="row 1: the loops of the nominal robot do not close"):
         measured(robot, at=not_closing(robot))
+
+
+@pytest.mark.parametrize(("name", "length"), [("fivebar", 0.5), ("delta", 1.0), ("hexapod", 1.0)])
+def test_errors_with_which_hardly_anything_closes_are_said_to_be_too_large(
+    name: str, length: float
+) -> None:
+    with pytest.raises(NoSolutionError, match=f"{name}: with these errors the loops close at only"):
+        measured(load_robot(name), scales=ErrorScales(length=length))
 
 
 def test_sampled_configurations_close_for_the_actual_robot_too() -> None:

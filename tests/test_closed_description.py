@@ -12,7 +12,11 @@ from calibtool.errors import InputError
 from calibtool.evaluation.robot_check import check_robot
 from calibtool.robot.catalogue import load_robot
 
-LOOP = 'joint = "planar"'
+LOOP, BALL = 'joint = "planar"', 'joint = "spherical"'
+R1 = (
+    'rpy="3.141592653589793 -0.22409309230137087 3.141592653589793"/><axis xyz="0 1 0"/>'
+    '<limit lower="-3.1"'
+)
 
 
 # --- reduction ---
@@ -252,6 +256,64 @@ BAD = [
         id="a rod that hangs",
     ),
     pytest.param(
+        "delta",
+        [
+            ('{ frames = ["platform_12"', '{ name = "rod", frames = ["platform_12"'),
+            ('{ frames = ["platform_32"', '{ name = "rod", frames = ["platform_32"'),
+        ],
+        "kinematics.loops: two loops have the name 'rod'",
+        id="two loops of one name",
+    ),
+    pytest.param(
+        "delta",
+        [('{ frames = ["platform_12"', '{ name = "loop3", frames = ["platform_12"')],
+        "kinematics.loops: two loops have the name 'loop3'",
+        id="the name of a loop that has none",
+    ),
+    pytest.param(
+        "fivebar",
+        [(f"{LOOP} }},", f'{LOOP} }},\n{{ frames = ["tip2", "tip1"], {LOOP} }},')],
+        "loop 'loop2' joins the same frames as loop 'loop1'; leave one out",
+        id="a loop twice",
+    ),
+    pytest.param(
+        "hexapod",
+        [("loops = [", 'loops = [{ frames = ["rod6_end", "platform_6"], joint = "revolute" },')],
+        "loop 'loop6' joins the same frames as loop 'loop1'; leave one out",
+        id="a leg twice",
+    ),
+    pytest.param(
+        "fivebar",
+        [('["tip1", "tip2"]', '["base", "tip2"]')],
+        "loop 'loop1': over-constrained: .* 2 independent motions for 2 actuators, and 'j2' cannot "
+        "move",
+        id="a motor that is held",
+    ),
+    pytest.param(
+        "hexapod",
+        [('["platform_6", "rod6_end"], ' + BALL, '["platform_6", "rod6_end"], joint = "weld"')],
+        "mine: loop 'loop5': over-constrained: .* 3 independent motions for 6 actuators",
+        id="one leg welded",
+    ),
+    pytest.param(
+        "delta",
+        [('"platform_12", "rod12_end"], ' + BALL, '"platform_12", "rod12_end"], joint = "weld"')],
+        "mine: loop 'loop1': over-constrained: ",
+        id="one rod welded",
+    ),
+    pytest.param(
+        "fivebar",
+        [('<limit lower="-3.1" upper="3.1"', '<limit lower="-0.1" upper="0.1"')],
+        "kinematics.closed_at: the passive joint 'p1' is at -1.65116 rad, outside of its limits",
+        id="closed outside of passive limits",
+    ),
+    pytest.param(
+        "prs3",
+        [(R1, R1.replace('lower="-3.1"', 'lower="0.3"'))],
+        "kinematics.closed_at: the passive joint 'r1' is at 0 rad, outside of its limits 0.3 to",
+        id="a rod outside of its limits",
+    ),
+    pytest.param(
         "fivebar",
         [(LOOP, 'joint = "ball"')],
         "kinematics.loops.0.joint",
@@ -266,6 +328,17 @@ def test_what_is_wrong_is_one_line(name: str, pairs: list, message: str) -> None
         changed(name, *pairs)
     assert str(caught.value).startswith("mine: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [("fivebar", "x, rx, ry, rz"), ("delta", "x, rx, ry"), ("palletizer-level", "z, rx")],
+)
+def test_virtual_joints_that_the_joints_are_themselves_are_refused(name: str, given: str) -> None:
+    named = ", ".join(f'"{joint}"' for joint in given.split(", "))
+    robot = changed(name, ("[targets]", f"[equivalent]\nvirtual_joints = [{named}]\n[targets]"))
+    with pytest.raises(InputError, match=f"virtual_joints: {given} and the joints move .* alike"):
+        check_robot(robot, "mine")
 
 
 def test_tolerances_of_joints_are_those_of_the_motors_and_the_tool() -> None:

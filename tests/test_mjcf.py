@@ -181,6 +181,16 @@ FOURBAR = """<mujoco><worldbody>
   <actuator><motor joint="motor"/></actuator></mujoco>"""
 
 
+ON_ONE_BODY = (
+    FOURBAR.format(cut="connect", where='anchor="0.3 0 0"')
+    .replace(
+        '<site name="tool"',
+        '<site name="back"/><site name="tool"',
+    )
+    .replace('body1="coupler" body2="rocker" anchor="0.3 0 0"', 'site1="{a}" site2="{b}"')
+)
+
+
 def test_a_parallelogram_only_shifts_its_coupler(read: Callable[..., Robot]) -> None:
     robot = read(FOURBAR.format(cut="connect", where='anchor="0.3 0 0"'))
     q = np.linspace(-0.5, 0.5, 11)[:, None]
@@ -288,6 +298,10 @@ def test_what_is_not_read_is_refused(
             FOURBAR.format(cut="weld", where='relpose="0.3 0.1 0 1 0 0 0"'),
             "over-constrained|does not close",
         ),
+        (FOURBAR.format(cut="connect", where='name="pin"'), "loop 'pin': <connect> has no anchor"),
+        (FOURBAR.format(cut="connect", where=""), "loop 'loop1': <connect> has no anchor"),
+        (ON_ONE_BODY.format(a="tool", b="back"), "loop 'loop1': 'tool' and 'back' are on the same"),
+        (ON_ONE_BODY.format(a="back", b="tool"), "loop 'loop1': 'back' and 'tool' are on the same"),
         ("<mujoco><worldbody><body name='a'/></worldbody></mujoco>", "without joints"),
     ],
 )

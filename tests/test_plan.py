@@ -80,6 +80,19 @@ def test_and_refinement_more_than_the_candidates(fanuc: Robot) -> None:
     assert volume(fine) < volume(rough) - 1.0
 
 
+@pytest.mark.parametrize("name", ["scara", "planar-3r", "so100"])
+def test_a_plan_for_poses_predicts_better_poses_than_one_for_parameters(name: str) -> None:
+    robot = load_robot(name)
+    for_poses, for_parameters = (planned(robot, 10, criterion) for criterion in ("i", "d"))
+    assert for_poses.selected.target.mean() < for_parameters.selected.target.mean()
+    fresh = sample_configurations(robot, None, 200, np.random.default_rng(9))
+    poses, parameters = (
+        made.knowledge.after(made.knowledge.rows(made.q)).target_deviation(fresh)
+        for made in (for_poses, for_parameters)
+    )
+    assert poses.mean() < parameters.mean()
+
+
 def test_the_prediction_holds(fanuc: Robot) -> None:
     """Errors of an identification from 15 planned configurations, against 15 random ones, on
     the same robots.

@@ -238,8 +238,10 @@ def _bounds(
 
     robot = calibration.robot
     most = default_bounds(calibration, largest_change, weights).largest_change
-    slides = f", of a slide {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
-    return f"limit of the change of a joint: {degrees(most):.3g} deg{slides} (--largest-change-deg)"
+    turn, slide = f"{degrees(most):.3g} deg", f"{most * robot.length * 1e3:.3g} mm"
+    both = f"{turn}, of a slide {slide}" if any(robot.prismatic) else turn
+    limit = slide if all(robot.prismatic) else both
+    return f"limit of the change of a joint: {limit} (--largest-change-deg)"
 
 
 def check_rows(name: str, head: bytes) -> None:

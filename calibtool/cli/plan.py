@@ -45,12 +45,14 @@ def plan(
         int, typer.Option("-n", "--configurations", min=1, help="How many to choose.")
     ] = 20,
     criterion: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="d|i",
-            help="Least uncertainty of the parameters (d) or of poses in the workspace (i).",
+            metavar="i|d",
+            help="Least uncertainty of poses in the workspace (i, the default for points) or of "
+            "the parameters (d, the default for other instruments, whose place has to be found "
+            "too).",
         ),
-    ] = "d",
+    ] = None,
     source: Annotated[
         str | None,
         typer.Option(
@@ -125,7 +127,8 @@ def plan(
         check_output(target, force, suffixes=(".csv",))
     if program is not None:
         check_output(program, force)
-    choice(criterion, ("d", "i"), "--criterion")
+    if criterion is not None:
+        choice(criterion, ("d", "i"), "--criterion")
     from dataclasses import replace
     from typing import cast
 
@@ -176,7 +179,7 @@ def plan(
             space,
             configurations,
             constraints=constraints,
-            criterion=cast(Criterion, criterion),
+            criterion=cast(Criterion, criterion or ("i" if seen_by is None else "d")),
             candidates=candidates,
             rng=rng,
             refine=refine,

@@ -15,7 +15,11 @@ from calibtool.robot.closed_chain import ClosedChain
 from calibtool.robot.plausibility import implausible
 from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.singularity import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    singularity_distance,
+)
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
@@ -141,6 +145,13 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
         )
     workspaces = [_workspace(robot, name, place) for name in robot.workspace_names[:-1]]
     equivalent = equivalent_robot(robot)
+    pose, jacobian = equivalent.forward_and_jacobian(robot.mechanism, anywhere)
+    apart = singularity_distance(at_point(jacobian, pose[:, :3, 3]), robot.length)
+    if apart.max() < MIN_SINGULARITY_DISTANCE:
+        raise InputError(
+            f"{place}: equivalent.virtual_joints: {', '.join(equivalent.virtual_joints)} and the "
+            "joints move the tool alike; name what the joints cannot do, or leave it out"
+        )
     design = anywhere[:_DESIGN_SAMPLES]
     setup = Setup(readonly(np.eye(4)), robot.targets)
     default = robot.workspace_names[0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.operating_conditions import Conditions
-from calibtool.errors import InputError, check_choice, check_number
+from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
 from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
@@ -132,7 +132,11 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def _sampled(
     robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
 ) -> Array:
-    """Configurations of the workspace at which the loops of the actual robot close."""
+    """Configurations of the workspace; with closed loops those at which the loops of the actual
+    robot close.
+
+    Raises NoSolutionError when too few are found.
+    """
     wanted, workspace = simulation.configurations, simulation.workspace
     q: Array = sample_configurations(robot, workspace, wanted, rng)
     if robot.chain.tree is None:
@@ -142,6 +146,12 @@ def _sampled(
         if len(q) == wanted:
             return q
         q = np.concatenate([q, sample_configurations(robot, workspace, wanted - len(q), rng)])
+    closes = int(actual.mechanism.closes(q).sum())
+    if closes < wanted:
+        raise NoSolutionError(
+            f"{robot.name}: with these errors the loops close at only {closes} of {wanted} "
+            "configurations; draw smaller errors, or another --seed"
+        )
     return q
 
 

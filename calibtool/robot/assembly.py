@@ -17,6 +17,7 @@ _STEPS = 60
 # Largest |r| (rad, or lengths) of a closed configuration: equations that say the same twice
 # contradict each other by the rounding of a CAD program's numbers.
 _CLOSED = 1e-5
+_AT_LIMIT = 1e-6  # rad or m: what a position is rounded to
 _STARTS = 100  # of the search for a closed configuration
 _HELD = 0.02  # smallest singular value of C_p, of the largest, at a configuration that is chosen
 
@@ -54,15 +55,29 @@ def closed_configuration(
             "chooses the assembly mode; a "
             f"closed configuration from there is {values}: write it there if that is the one"
         )
+    outside = np.flatnonzero(outside_limits(tree, theta))
+    if len(outside):
+        j = int(outside[0])
+        raise InputError(
+            f"{place}: kinematics.closed_at: the passive joint '{names[j]}' is at {theta[j]:g} "
+            f"{'m' if tree.slides[j] else 'rad'}, outside of its limits {tree.lower[j]:g} to "
+            f"{tree.upper[j]:g}; correct the limits, or give another closed configuration"
+        )
     return theta
+
+
+def outside_limits(tree: Tree, theta: Array) -> np.ndarray:
+    """Which joints are beyond their limits at θ (J,): (J,) bool."""
+    outside: np.ndarray = (theta < tree.lower - _AT_LIMIT) | (theta > tree.upper + _AT_LIMIT)
+    return outside
 
 
 def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
     """A closed configuration (J,) where the description states none; None where none is found.
 
     First the one next to `closed_at` with the actuated joints fixed; then, with all joints free,
-    from there and from random starts at increasing distance, inside the limits of the actuated
-    joints. A configuration at which the actuated joints determine the passive ones is preferred.
+    from there and from random starts at increasing distance, inside the limits of the joints. A
+    configuration at which the actuated joints determine the passive ones is preferred.
     """
     rng, n, found = np.random.default_rng(0), tree.n, None
     low, high = (
@@ -75,7 +90,7 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
         theta, residual = _nearest_closed(mechanism, tree, start, free)
         turned = (theta + np.pi) % (2 * np.pi) - np.pi
         theta = np.where(tree.slides | (np.abs(theta) <= np.pi), theta, turned)
-        if residual < _CLOSED and ((low <= theta) & (theta <= high))[:n].all():
+        if residual < _CLOSED and not outside_limits(tree, theta).any():
             C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None]
             sizes, held = (
                 np.linalg.svd(part, compute_uv=False)

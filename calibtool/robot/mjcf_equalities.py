@@ -80,6 +80,8 @@ class Equalities:
         in_a = np.eye(4)
         in_b = inverse(pose_b) @ pose_a
         if each.tag == "connect":
+            if "anchor" not in values:
+                raise InputError(f"{self.attributes.place}: loop '{name}': <connect> has no anchor")
             in_a = translation(numbers(values, "anchor", (0.0,) * 3))
             in_b = in_b @ in_a
         elif "relpose" in values:

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, near_names
 from calibtool.robot.markup import decoded_xml
 from calibtool.robot.named_files import contents, inside
 from calibtool.robot.tree import urdf_root
@@ -52,6 +52,11 @@ def read_parallel(text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Conv
         if name not in joints:
             raise InputError(f"{place}: joint_name: '{name}' is no joint of {_URDF}")
         _replace(root, joints[name], kind, place)
+    for name in said.name_mot:
+        if name not in joints:
+            raise InputError(
+                f"{place}: name_mot: '{name}' is no joint of {_URDF}; {near_names(name, joints)}"
+            )
     loops = []
     for k, frames in enumerate(said.closed_loop):
         kind = said.type[k].lower() if said.type else "6d"

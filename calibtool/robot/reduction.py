@@ -102,19 +102,32 @@ def check_freedom(tree: Tree, samples: list[Sample], names: tuple[str, ...], pla
     if whole <= rank:
         return
     moves = tree.joints - whole
-    suspects = []
+    suspects: list[Loop] = []
     for loop, block in zip(tree.loops, tree.row_blocks, strict=True):
         rest = [k for k in range(len(samples[0].columns)) if not block.start <= k < block.stop]
         without = max(_rank(s.columns[rest]) for s in samples)
         without_p = max(_rank(s.columns[rest][:, tree.n :]) for s in samples)
         if without - without_p < whole - rank:
-            suspects.append(f"'{loop.name}'")
-    said = f"loop {', '.join(suspects)}" if suspects else "the loops"
+            suspects.append(loop)
+    most = max((len(loop.rows) for loop in suspects), default=0)
+    named = ", ".join(f"'{loop.name}'" for loop in suspects if len(loop.rows) == most)
+    held = _held(tree, samples) if moves >= tree.n else []
+    which = f", and '{names[held[0]]}' cannot move" if held else ""
     raise InputError(
-        f"{place}: {said}: over-constrained: the mechanism has {moves} independent motions for "
-        f"{tree.n} actuators; let the "
-        "cut joint forbid less, or take a joint out of kinematics.actuated"
+        f"{place}: {f'loop {named}' if named else 'the loops'}: over-constrained: the mechanism "
+        f"has {moves} independent motions for {tree.n} actuators{which}; let the cut joint forbid "
+        "less, or take a joint out of kinematics.actuated"
     )
+
+
+def _held(tree: Tree, samples: list[Sample]) -> list[int]:
+    """Actuated joints that cannot move at all at any of the samples."""
+    moves = np.zeros(tree.n)
+    for sample in samples:
+        vt = np.linalg.svd(sample.columns)[2]
+        free = vt[_rank(sample.columns) :, : tree.n]
+        moves = np.maximum(moves, np.abs(free).max(axis=0, initial=0.0))
+    return [int(j) for j in np.flatnonzero(moves < RANK)]
 
 
 def _rank(matrix: Array) -> int:

@@ -93,13 +93,15 @@ def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | Non
     A tool is found by its name or, where no link has such a name, by the number of joints before
     it. A finger, a camera or a collision shape is not a tool. Joints that are not between base and
     tool are locked, and those of a base that moves freely: floating, planar, slides without limits.
-    UsageError with a list where several links could be the tool.
+    UsageError with a list where several links could be the tool; InputError for a loop from a link
+    to itself.
     """
     loops = said.loops if said else ()
     if tool is None:
         tool = _tool(tree, name, {frame for _, a, b, _ in loops for frame in (a, b)})
     elif tool not in tree.links:
         raise UsageError(f"--tool: '{tool}' is no link of {name}; {near_names(tool, tree.links)}")
+    _check_two_links(tree, loops, name)
     closing, moving = _closing(tree, tool, loops)
     motors = said.actuated if said else None
     closes = closing or (motors is not None and any(joint.follows for joint in moving))
@@ -131,6 +133,17 @@ def _closing(tree: Tree, tool: str, loops: Sequence[Cut]) -> tuple[tuple[Cut, ..
             return tuple(loop for loop in loops if loop in held), moving
         held += more
         moving |= {joint for loop in more for joint in _round(tree, loop)}
+
+
+def _check_two_links(tree: Tree, loops: Sequence[Cut], name: str) -> None:
+    """InputError for a loop from a moving link to itself."""
+    for loop, a, b, _ in loops:
+        moves = any(joint.moves for joint in tree.ways.get(a, ()))
+        if moves and not _round(tree, (loop, a, b, "")):
+            raise InputError(
+                f"{name}: loop '{loop}': '{a}' and '{b}' are on the same link: nothing moves "
+                "between them; name a frame of each of the two links that it joins"
+            )
 
 
 def _round(tree: Tree, loop: Cut) -> set[Joint]:

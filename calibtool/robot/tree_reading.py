@@ -77,8 +77,7 @@ def read_tree(source: Source) -> TreeReading:
         Loop(loop.name or f"loop{k + 1}", loop.joint, FORBIDDEN[loop.joint])
         for k, loop in enumerate(kinematics.loops)
     )
-    if len({loop.name for loop in loops}) < len(loops):
-        raise InputError(f"{place}: kinematics.loops: two loops have the same name")
+    _check_different(kinematics.loops, [loop.name for loop in loops], place)
     tree = Tree(
         parents=tuple(number[model.parents[j]] for j in order),
         carriers=carriers,
@@ -123,6 +122,19 @@ def _cut_frames(
             "between them; name a frame of each of the two links that the joint joins"
         )
     return a, b
+
+
+def _check_different(loops: list[LoopTable], names: list[str], place: str) -> None:
+    """InputError for two loops of one name, or between the same frames."""
+    first: dict[frozenset[str], str] = {}
+    for k, (loop, name) in enumerate(zip(loops, names, strict=True)):
+        if name in names[:k]:
+            raise InputError(f"{place}: kinematics.loops: two loops have the name '{name}'")
+        other = first.setdefault(frozenset(loop.frames), name)
+        if other != name:
+            raise InputError(
+                f"{place}: loop '{name}' joins the same frames as loop '{other}'; leave one out"
+            )
 
 
 def _leader(names: list[str], joint: str, leader: str, place: str) -> int:

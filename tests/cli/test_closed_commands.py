@@ -1,5 +1,6 @@
 """The whole way on a robot with closed loops, command by command."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -62,3 +63,22 @@ def test_a_controllers_own_model_is_for_serial_arms(calibration: str) -> None:
     arguments = ("--controller", "dh.csv", "--dh", "standard")
     message = refused(2, "compensate", calibration, "p.src", *arguments)
     assert "closed loops" in message
+
+
+@pytest.mark.parametrize(
+    ("robot", "change", "limit"),
+    [
+        ("hexapod", 0.5, r"6\.54 mm"),
+        ("fivebar", 0.5, "0.5 deg"),
+        ("hybrid", 0.5, r"0\.5 deg, of a slide 5\.24 mm"),
+    ],
+)
+def test_the_limit_of_a_change_is_in_the_units_of_the_joints(
+    robot: str, change: float, limit: str
+) -> None:
+    """A slide may move by the angle (rad) times the characteristic length."""
+    run("simulate", robot, "-n", 20, "--seed", 1, "-o", "m.h5")
+    run("identify", "m.h5", "-o", "c.h5")
+    run("plan", robot, "-n", 2, "--candidates", 10, "--no-refine", "-o", "t.csv")
+    result = run("compensate", "c.h5", "t.csv", "--largest-change-deg", change)
+    assert re.search(rf"limit of the change of a joint: {limit} \(--", result.stderr)
