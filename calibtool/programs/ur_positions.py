@@ -32,7 +32,7 @@ from calibtool.units import LARGEST
 
 _RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
 _READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
-_SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
+_SHAPE = re.compile(r"\bp\[(?=[^\[\],]*(?:,[^\[\],]*){5,}\])")
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
 _LAST_CALL = re.compile(r"(\w+)\s*\(([^()]*)\Z")
