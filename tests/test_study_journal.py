@@ -50,6 +50,24 @@ def test_a_line_that_was_cut_off_is_dropped(path: Path) -> None:
             assert journal.finished[4] == ROWS
 
 
+def test_a_file_system_that_cannot_truncate_resumes_whole_lines(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As FUSE's FAT: only a line that was cut off would have to go."""
+    keep(path, 0, 1)
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "ftruncate", fail)
+    keep(path, 2)
+    with Journal(path, STUDY) as journal:
+        assert set(journal.finished) == {0, 1, 2}
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(UsageError, match="cannot be written"):
+        Journal(path, STUDY)
+
+
 def test_another_study_is_refused_and_kept(path: Path) -> None:
     keep(path, 0)
     before = path.read_bytes()

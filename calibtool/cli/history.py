@@ -3,8 +3,11 @@
 import json
 import os
 import sys
+from functools import partial
 from pathlib import Path
 
+from calibtool.atomic_output import attempt, weaker
+from calibtool.cli.files import message
 from calibtool.errors import InputError, UsageError
 
 if sys.platform != "win32":
@@ -14,21 +17,22 @@ if sys.platform != "win32":
 def append(path: str, entry: dict[str, object]) -> None:
     """Append one line; other processes wait for it, and a line that cannot be written is undone.
 
-    UsageError where the file cannot be written.
+    A weaker guarantee of the file system is told. UsageError where the file cannot be written.
     """
+    lacking: list[str] = []
     line = (json.dumps(entry, allow_nan=False) + "\n").encode("ascii")
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
             if sys.platform != "win32":
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                attempt("locks", lacking, partial(fcntl.flock, descriptor, fcntl.LOCK_EX))
             size = os.fstat(descriptor).st_size
             if size and os.pread(descriptor, 1, size - 1) != b"\n":
                 line = b"\n" + line  # after a line that was cut off
             try:
                 if os.write(descriptor, line) != len(line):
                     raise OSError("only a part of the line fits")
-                os.fsync(descriptor)
+                attempt("fsync", lacking, partial(os.fsync, descriptor))
             except OSError:
                 os.ftruncate(descriptor, size)
                 raise
@@ -36,6 +40,8 @@ def append(path: str, entry: dict[str, object]) -> None:
             os.close(descriptor)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
+    if lacking:
+        message(f"note: {path}: {weaker(lacking)}")
 
 
 def entries(path: str, schema: str) -> tuple[list[dict[str, object]], int]:

@@ -194,3 +194,15 @@ def test_signals_while_a_urdf_is_read_leave_nothing(tmp_path: Path) -> None:
             process.wait(timeout=60)
     assert os.listdir(tmp_path) == ["work"]
     assert not [x for x in set(os.listdir(tempfile.gettempdir())) - before if "calibtool-" in x]
+
+
+def test_a_history_grows_on_a_file_system_without_locks(
+    files: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run("identify", files.six_measurements, "-q", "-o", "c.h5")
+    unknown(monkeypatch, errno.ENOTSUP, "flock", "fsync")
+    for count in (1, 2):
+        check = ("monitor", "c.h5", "--on", files.six_fresh, "--history", "h.ndjson")
+        said = run(*check).stderr
+        assert "h.ndjson: written with a weaker guarantee: the file system knows no locks" in said
+        assert len(Path("h.ndjson").read_text().splitlines()) == count

@@ -99,7 +99,8 @@ class Journal:
                 if not discard:
                     raise
                 self.finished, whole = {}, b""
-            os.ftruncate(file, len(whole))
+            if len(whole) < len(data):  # some file systems cannot truncate
+                os.ftruncate(file, len(whole))
             self._file = file
             if not whole:
                 self._write(json.dumps({"schema": SCHEMA, "study": self.study.key}))
