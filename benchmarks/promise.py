@@ -105,6 +105,11 @@ JUDGED = [
 ]
 
 
+def serial() -> str:
+    """Names of the arms without closed loops: a correction of these is judged by all components."""
+    return ",".join(name for name in robot_names() if load_robot(name).chain.tree is None)
+
+
 def promise(count: int, robots: list[str]) -> Table:
     rows = [["robot", "base", "method", *JUDGED]]
     for name in robots:
@@ -262,11 +267,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="A tenth of the rows.")
     parser.add_argument("--only", default="", help="Tables by name, comma-separated.")
     parser.add_argument("--rows", type=int, default=2000, help="Of the table `promise`.")
-    parser.add_argument("--robots", default=",".join(robot_names()), help="The same.")
+    parser.add_argument("--robots", help="The same; all serial arms by default.")
     options = parser.parse_args()
     part = 10 if options.quick else 1
     makers: dict[str, Callable[[], Table]] = {
-        "promise": lambda: promise(options.rows // part, options.robots.split(",")),
+        "promise": lambda: promise(options.rows // part, (options.robots or serial()).split(",")),
         "many": lambda: many(200_000 // part),
         "paths": lambda: paths(20_000 // part),
         "limits": lambda: limits(2000 // part),

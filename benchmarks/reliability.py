@@ -149,6 +149,21 @@ def by_fault(figures: Figures) -> list[dict[str, Any]]:
     return list(found.values())
 
 
+def by_base(rows: list[list[str]]) -> list[list[str]]:
+    """The rows of every robot as one per base and method: arms, worse, leaves too much, share of
+    `ok` and largest change, of which the lowest and the highest."""
+    groups: dict[tuple[str, str], list[list[str]]] = {}
+    for _, base, method, *figures in rows:
+        groups.setdefault((base, method), []).append(figures)
+    result = []
+    for (base, method), found in groups.items():
+        worse, much = (sum(int(row[k]) for row in found) for k in (0, 1))
+        ok = sorted(float(row[2].removesuffix(" %")) for row in found)
+        told = f"{ok[0]:.0f}…{ok[-1]:.0f} %, median {ok[len(ok) // 2]:.0f} %"
+        result.append([base, method, str(len(found)), str(worse), str(much), told])
+    return result
+
+
 def pages(figures: Figures) -> dict[Path, str]:
     """The pages, from figures alone."""
     environment = jinja2.Environment(
@@ -170,6 +185,7 @@ def pages(figures: Figures) -> dict[Path, str]:
         "setting": figures["setting"],
         "numerics": figures["numerics"]["rows"][0],
         "promise": figures["promise"]["rows"][0],
+        "promise_rows": by_base(figures["promise"]["rows"][0]["promise"][1:]),
         "laws": laws,
         "law_rows": [
             [subject, row["laws"], f"{row['cases']:,}", row["failures"]]
