@@ -28,6 +28,11 @@ def actual(robot: Robot, *kinds: str, seed: int = 3) -> ActualRobot:
     return random_actual(robot, ErrorScales(kinds=kinds), np.random.default_rng(seed))
 
 
+def joint_motion(robot: ActualRobot, q: Array) -> Array:
+    """Joint motion errors (N, n) of rows that are driven to in order, without constant offsets."""
+    return robot.errors.motion(q, robot.driven_to(q))
+
+
 def present(robot: ActualRobot) -> set[str]:
     """The kinds that are not zero."""
     return {family.kind for family in robot.errors.present}
@@ -140,7 +145,7 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
         rows = Rows(robot, q, errors.driven_to(q, None))
         for family in FAMILIES:  # turns of the joint frames, about their own origins
             placements[:, :-1, 3:] += family.turn(errors.errors[family.id], rows)
-        motion = errors.errors["offsets"] + errors.joint_motion(q)
+        motion = errors.errors["offsets"] + joint_motion(errors, q)
         linear = (
             (placement_columns(frames) @ placements.reshape(len(q), -1, 1))[..., 0]
             + twist_columns(frames, chain.twists, q) @ errors.errors["twists"].ravel()
@@ -162,7 +167,7 @@ def test_gear_errors_are_two_harmonics_of_the_commanded_position(
     robot, q = actual(fanuc, "gear"), random_positions(fanuc, rng, 10)
     a1, b1, a2, b2 = robot.errors["harmonics"].T
     expected = a1 * np.sin(q) + b1 * np.cos(q) + a2 * np.sin(2 * q) + b2 * np.cos(2 * q)
-    np.testing.assert_allclose(robot.joint_motion(q), expected, atol=1e-16)
+    np.testing.assert_allclose(joint_motion(robot, q), expected, atol=1e-16)
     np.testing.assert_allclose(
         robot.forward(q),
         expm_chain(fanuc.chain.placements, fanuc.chain.twists, q + expected),
@@ -215,7 +220,7 @@ def test_joints_wind_up_in_the_direction_of_the_weight(
     robot: Robot, rng: np.random.Generator
 ) -> None:
     sagging, q = actual(robot, "gravity"), random_positions(robot, rng, 3)
-    motion = sagging.joint_motion(q)
+    motion = joint_motion(sagging, q)
     np.testing.assert_allclose(
         motion, -sagging.errors["gravity"] * gravity_torque(robot, q), atol=1e-18
     )
@@ -245,7 +250,7 @@ def test_only_joints_that_carry_load_wind_up(name: str, carrying: set[int]) -> N
 def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     sagging = random_actual(robot, ErrorScales(kinds=("gravity",), sizes={"gravity": 0.8e-3}), rng)
-    largest = np.abs(sagging.joint_motion(random_positions(robot, rng, 2000))).max(axis=0)
+    largest = np.abs(joint_motion(sagging, random_positions(robot, rng, 2000))).max(axis=0)
     carrying = sagging.errors["gravity"] > 0
     assert carrying.any()
     np.testing.assert_allclose(largest[carrying], 0.8e-3, rtol=0.15)
@@ -260,7 +265,7 @@ def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
     up, down = home + 0.1, home - 0.2
     widths = np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
     robot = ActualRobot(RobotErrors.of(fanuc, backlash=widths))
-    motion = robot.joint_motion(np.array([up, down, up, up + 0.1, down]))
+    motion = joint_motion(robot, np.array([up, down, up, up + 0.1, down]))
     expected = np.array([-1, 1, -1, -1, 1])[:, None] * robot.errors["backlash"]
     np.testing.assert_allclose(motion, expected, atol=1e-18)
 
@@ -271,7 +276,7 @@ def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
     robot = actual(fanuc, "backlash")
     assert (robot.errors["backlash"] == 0.1e-3).all()
     np.testing.assert_allclose(
-        robot.joint_motion(home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18
+        joint_motion(robot, home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18
     )
 
 
@@ -279,7 +284,7 @@ def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: R
     home = fanuc.workspace().home
     q = np.array([home + 0.1, home + 0.1])
     q[1, 0] += 0.1  # only joint 1 goes on
-    motion = actual(fanuc, "backlash").joint_motion(q)
+    motion = joint_motion(actual(fanuc, "backlash"), q)
     np.testing.assert_allclose(motion, -0.1e-3, atol=1e-18)
 
 

@@ -112,7 +112,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
         [j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper
     )
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
-    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 3)
+    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 4)
     assert text.endswith("}\n")
     assert text == calibration_as_json(calibration)
 

@@ -177,6 +177,7 @@ def test_every_part_is_listed_with_its_size(tmp_path: Path) -> None:
         "twist errors",
         "harmonics of the joint motions",
         "wind-up under gravity",
+        "functions of pairs of joints",
         "network",
         "all together",
     ]

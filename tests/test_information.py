@@ -124,7 +124,7 @@ def test_many_harmonics_of_a_calibration_stay_as_they_are(fanuc: Robot) -> None:
     for name in ("ζ3.x", "cos2q4", "gravity2"):
         i, j = knowledge.parameters.names.index(name), names.index(name)
         assert np.sqrt(knowledge.covariance[i, i]) * knowledge.prior_std[i] == pytest.approx(
-            base.posterior.std[j]
+            np.sqrt(base.posterior.covariance[j, j])
         )
 
 

@@ -86,7 +86,8 @@ def _slack(calibration: Calibration, q: Array, direction: Array) -> Array:
     squares = widths**2
     for part in posterior.parameters.parts:
         if part.family.id == "backlash":
-            squares[part.elements] += posterior.std[posterior.parameters.blocks["backlash"]] ** 2
+            variances = np.diag(posterior.covariance)
+            squares[part.elements] += variances[posterior.parameters.blocks["backlash"]]
     context = calibration.base_context(q)
     joints = at_point(context.offset_columns, context.frames.tool[:, :3, 3])
     unknown = squares * (direction == 0.0)

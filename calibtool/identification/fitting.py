@@ -20,7 +20,7 @@ from calibtool.robot.se3 import Array
 # Of the posterior standard deviations: a smaller step ends the iteration, …
 CONVERGED = 1e-3
 ROUGHLY = 0.1  # … and one so small is enough to choose a model
-_ROUNDING = 1e-12  # m: positions of an arm have no digits below
+_ROUNDING = 1e-9  # m: with less noise, rounding may keep the iteration from settling
 _MAX_ITERATIONS = 30
 # Gauss–Newton steps in which tolerances are re-estimated; one where an earlier fit has done so
 _PRIOR_STEPS = 3
@@ -161,8 +161,8 @@ def _not_settled(
     setup = slice(parameters.blocks["base"].start, None)
     unsure = solution.std[setup] / solution.prior_std[setup]
     remedy, noise = "check units, joint order and target order", measurements.noise_position
-    if noise < _ROUNDING:
-        remedy = f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+    if noise <= _ROUNDING:
+        remedy = f"the stated noise of {noise * 1e3:.3g} mm is near rounding: state a larger one"
     elif unsure.max(initial=0.0) > _UNSURE:
         name = parameters.names[setup][int(np.argmax(unsure))]
         remedy = f"the rows hardly tell {name}: measure with the tool turned in other directions"
