@@ -48,9 +48,9 @@ def plan(
         str | None,
         typer.Option(
             metavar="i|d",
-            help="Least uncertainty of poses in the workspace (i, the default for points) or of "
-            "the parameters (d, the default for other instruments, whose place has to be found "
-            "too).",
+            help="Least uncertainty of poses in the workspace (i, the default for closed loops) or "
+            "of the parameters (d, the default for serial arms, and for instruments whose place "
+            "has to be found too).",
         ),
     ] = None,
     source: Annotated[
@@ -173,13 +173,14 @@ def plan(
     seen_by = observing.rows(model, space, noise, rng)
     knowledge = _knowledge(model, source, noise, unregistered, seen_by)
     values = model.joint_values(model.name, values)
+    closed = model.chain.tree is not None and seen_by is None
     with working(f"choosing from {candidates} candidates"):
         made = make_plan(
             knowledge,
             space,
             configurations,
             constraints=constraints,
-            criterion=cast(Criterion, criterion or ("i" if seen_by is None else "d")),
+            criterion=cast(Criterion, criterion or ("i" if closed else "d")),
             candidates=candidates,
             rng=rng,
             refine=refine,
