@@ -35,9 +35,10 @@ class Unexplained:
         context = RobotErrors.of(robot).context(measurements.q, measurements.conditions)
         tolerances, blocks = Tolerances.of_robot(robot), []
         for family in BY_ID.values():
-            if family.by_row or not family.known(context.rows):
+            order = _ORDERS.get(family.id, family.orders[-1])
+            if not order or family.by_row or not family.known(context.rows):
                 continue
-            shape = family.shape(family.joints(robot), _ORDERS.get(family.id, 1))
+            shape = family.shape(family.joints(robot), order)
             size = np.ravel(family.tolerance(robot, tolerances, shape))
             blocks.append(family.columns(shape, context) * size)
         seen = measurements.seen.repeat(3, axis=-1)[..., None]
