@@ -45,6 +45,13 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert anchor in anchors(target), f"{page.name}: {link}"
 
 
+def test_the_readme_counts_the_built_in_robots() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(r"one of (\d+) \[built-in robots\]", readme)
+    assert found is not None
+    assert int(found[1]) == sum(path.is_dir() for path in (ROOT / "robots").iterdir())
+
+
 def test_every_page_is_reached_from_the_index() -> None:
     """Directly, or from a page that is."""
     index = ROOT / "docs" / "README.md"

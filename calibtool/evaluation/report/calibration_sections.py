@@ -71,7 +71,8 @@ def motions_section(subject: Subject) -> PageSection:
                 "motions",
                 "δρ is how much more a joint moves than commanded, here at the configurations of "
                 "the training. Line: periodic errors (harmonics). Dots: these with the wind-up "
-                "under gravity and the network. Constant offsets are left out.",
+                "under gravity, functions of pairs of joints and the learned model. Constant "
+                "offsets are left out.",
                 "Joint motion error against joint position, one panel per joint.",
             )
         ],
