@@ -245,6 +245,18 @@ BAD = [
     ),
     pytest.param(
         "hexapod",
+        [("j1 = 0.8322096426977961", "j1 = true")],
+        "kinematics.closed_at.j1: .*number",
+        id="a truth value is no number",
+    ),
+    pytest.param(
+        "hexapod",
+        [("j1 = 0.8322096426977961", 'j1 = "0.8322"')],
+        "kinematics.closed_at.j1: .*number",
+        id="a text is no number",
+    ),
+    pytest.param(
+        "hexapod",
         [("closed_at = { j1", "closed_at = { jx")],
         "kinematics.closed_at: 'jx' is no movable joint; known: ",
         id="an unknown joint closed",

@@ -267,6 +267,16 @@ def test_gravity_of_a_mounting_is_read(read: Callable[..., Robot]) -> None:
         ),
         (
             "</mujoco>",
+            '<equality><tendon tendon1="t1"/></equality></mujoco>',
+            'an equality <tendon> is not modelled.*active="false"',
+        ),
+        (
+            "</mujoco>",
+            '<equality><distance geom1="a" geom2="b"/></equality></mujoco>',
+            "an equality <distance> is not modelled",
+        ),
+        (
+            "</mujoco>",
             '<equality><joint joint1="j1" joint2="j2" polycoef="0 1 1"/></equality></mujoco>',
             "'j1' follows 'j2' by a polynomial of a higher degree",
         ),

@@ -6,8 +6,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibtool.robot.denavit_hartenberg import DhConvention
 
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
-Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
+Number = Annotated[float, Field(strict=True)]  # no truth value, and no text
+Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
+Angle = Annotated[Number, Field(ge=-1e4, le=1e4)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
 ExternalName = Annotated[str, Field(pattern=r"^e[1-6]$")]
@@ -51,13 +52,13 @@ class Kinematics(_Strict):
     calibration: str | None = None
     base_frame: str | None = None  # K_0; the URDF's root link unless named
     tool_frame: str  # of numbers and calibrations: tool0 unless named
-    locked_joints: dict[str, float] = {}  # rad or m
+    locked_joints: dict[str, Number] = {}  # rad or m
     loops: list[LoopTable] = []
     actuated: list[str] | None = (
         None  # joints with a motor, in their order; with loops or mimic joints
     )
-    closed_at: dict[str, float] = {}  # rad or m: a closed configuration, the assembly mode
-    length: Annotated[float, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
+    closed_at: dict[str, Number] = {}  # rad or m: a closed configuration, the assembly mode
+    length: Annotated[Number, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
 
     @model_validator(mode="before")
     @classmethod
@@ -91,10 +92,10 @@ class Workspace(_Strict):
     is written with the names of table columns: `{ j1_deg = 0, j2_mm = 100 }`.
     """
 
-    home: dict[str, float]
-    box_m: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
-    cone_deg: Annotated[float, Field(ge=0, le=180)]
-    roll_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    home: dict[str, Number]
+    box_m: Annotated[list[Annotated[Number, Field(ge=0)]], Field(min_length=3, max_length=3)]
+    cone_deg: Annotated[Number, Field(ge=0, le=180)]
+    roll_deg: Annotated[Number, Field(ge=0, le=180)] | None = None
 
 
 class Targets(_Strict):
@@ -114,18 +115,18 @@ class Equivalent(_Strict):
 class JointTolerance(_Strict):
     """Expected standard deviations of the geometric errors at one joint."""
 
-    length_mm: Annotated[float, Field(gt=0)]
-    angle_mrad: Annotated[float, Field(gt=0)]
+    length_mm: Annotated[Number, Field(gt=0)]
+    angle_mrad: Annotated[Number, Field(gt=0)]
 
 
 class ToleranceTable(_Strict):
     """Expected standard deviations of the errors; `joints` by name: j3 = { … }."""
 
-    length_mm: Annotated[float, Field(gt=0)] = 1.0
-    angle_mrad: Annotated[float, Field(gt=0)] = 1.0
-    harmonic_mrad: Annotated[float, Field(gt=0)] = 0.3
-    gravity_mrad: Annotated[float, Field(gt=0)] = 1.0
-    backlash_mrad: Annotated[float, Field(gt=0)] = 0.2
+    length_mm: Annotated[Number, Field(gt=0)] = 1.0
+    angle_mrad: Annotated[Number, Field(gt=0)] = 1.0
+    harmonic_mrad: Annotated[Number, Field(gt=0)] = 0.3
+    gravity_mrad: Annotated[Number, Field(gt=0)] = 1.0
+    backlash_mrad: Annotated[Number, Field(gt=0)] = 0.2
     joints: dict[JointName, JointTolerance] = {}
 
 
@@ -137,8 +138,8 @@ class Coupling(_Strict):
     } }` is a FANUC's serial q3 = J3 + 1 J2.
     """
 
-    matrix: list[list[float]] | None = None
-    add: dict[JointName, dict[JointName, float]] = {}
+    matrix: list[list[Number]] | None = None
+    add: dict[JointName, dict[JointName, Number]] = {}
 
     @model_validator(mode="after")
     def _one_form(self) -> "Coupling":
@@ -154,8 +155,8 @@ class Mounting(_Strict):
     the tool holds where a row does not state its own.
     """
 
-    gravity: tuple[float, float, float] | None = None
-    payload_kg: Annotated[float, Field(ge=0, le=1e5)] = 0.0
+    gravity: tuple[Number, Number, Number] | None = None
+    payload_kg: Annotated[Number, Field(ge=0, le=1e5)] = 0.0
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> "Mounting":
@@ -183,7 +184,7 @@ class Description(_Strict):
     notes: list[str] = []
     assumed: str | None = None  # where nobody wrote a robot.toml: what was taken to be so
     kinematics: Kinematics
-    limits: dict[str, tuple[float, float]] = {}  # by column name: j1_deg = [-180, 180]
+    limits: dict[str, tuple[Number, Number]] = {}  # by column name: j1_deg = [-180, 180]
     targets: Targets
     workspaces: dict[str, Workspace] = {}  # the first one is the default; `full` always exists
     equivalent: Equivalent | None = None

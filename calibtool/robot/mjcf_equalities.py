@@ -34,6 +34,12 @@ class Equalities:
             for each in part
             if each.get("active", "true") == "true" and not moved & {*_ends(each)}
         ]
+        for each in active:
+            if each.tag not in (*_JOINED, "joint"):
+                raise InputError(
+                    f"{attributes.place}: an equality <{each.tag}> is not modelled; if the arm "
+                    'does not need it, set its attribute active="false"'
+                )
         self._cuts = [each for each in active if each.tag in _JOINED]
         self._couplings = [each for each in active if each.tag == "joint"]
 
