@@ -16,18 +16,23 @@ from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.exact import exact
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.closed_loop_network import Taught
 from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.export.taught_region import TaughtRegion
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.source import parse_source
 
 NAMES = ["delta", "prs3"]
@@ -105,6 +110,53 @@ def test_what_a_taught_network_leaves_is_small_beside_what_it_corrects(name: str
     for before, after, exactly in zip(taught.before, taught.after, taught.exact, strict=True):
         assert after <= 0.1 * max(before, 1e-6)
         assert exactly <= after + 1e-9
+
+
+def test_near_singularities_and_where_loops_do_not_close_joints_stay_as_commanded() -> None:
+    """Anywhere in the range of the training: rows that are corrected close and come nearer to where
+    they should be, and the code decides as `TaughtRegion` does."""
+    robot = load_robot("fivebar")
+    measured = simulate(
+        robot,
+        Simulation(
+            seed=0,
+            configurations=40,
+            workspace=robot.workspace(),
+            scales=ErrorScales(ERROR_KINDS),
+        ),
+    )
+    calibration = train(measured, "nominal", TrainingOptions(seed=0))
+    taught = Taught.of(calibration)
+    region, task = taught.region, Task.of(calibration.equivalent)
+    q = np.random.default_rng(5).uniform(region.lower, region.upper, (3000, robot.n))
+    held, closes = region.holds(q), robot.mechanism.closes(q)
+    near = robot.singularity_distance(q) < 0.5 * MIN_SINGULARITY_DISTANCE
+    assert not (held & near).any()
+    assert held[closes].mean() > 0.9
+    rows = q[held]
+    commanded, sizes = robot.mechanism.forward(rows), []
+    for driven in (rows, rows + taught.network(rows)):
+        error = weighted_error(calibration.forward(driven), commanded, robot.length)
+        sizes.append(np.linalg.norm(task.of_error(error, commanded), axis=-1))
+    assert (sizes[1] < sizes[0]).all()
+    block = FunctionBlock(calibration_as_structured_text(calibration, "robot"))
+    for row, inside in zip(q[:60], held[:60], strict=True):
+        answer, status = block(row)
+        assert status == (0 if inside else 1)
+        assert inside or np.array_equal(answer, row)
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.9])
+def test_a_smaller_region_leaves_out_what_it_has_to(radius: float) -> None:
+    rng = np.random.default_rng(0)
+    q = rng.normal(size=(500, 2))
+    region = TaughtRegion(q.min(axis=0), q.max(axis=0), np.zeros(2), np.eye(2) / 4.0)
+    outside = q[np.linalg.norm(q, axis=-1) > 4.0 * radius]
+    smaller = region.without(outside)
+    assert not smaller.holds(outside).any()
+    assert smaller.holds(q[np.linalg.norm(q, axis=-1) < 3.8 * radius]).all()
+    with pytest.raises(NoSolutionError, match="worse"):
+        TaughtRegion(region.lower, region.upper).without(q[:1])
 
 
 def test_a_network_that_cannot_learn_the_corrections_is_refused(

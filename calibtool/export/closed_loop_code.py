@@ -8,6 +8,7 @@ from calibtool.errors import UsageError
 from calibtool.export.closed_loop_network import Taught
 from calibtool.export.layers import layers
 from calibtool.export.rendering import LARGEST_POSITION, Precision, joint_lines, left_out, render
+from calibtool.export.taught_region import LEAST_DISTANCE
 
 
 def taught_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
@@ -29,8 +30,9 @@ def taught_values(calibration: Calibration, precision: Precision) -> dict[str, A
         "joints": joint_lines(robot),
         "n": robot.n,
         "network": layers(taught.network),
-        "lower": taught.lower,
-        "upper": taught.upper,
+        "region": taught.region,
+        "distance": layers(taught.region.distance),
+        "least_distance": LEAST_DISTANCE,
         "taught": taught,
         "virtual_joints": ", ".join(calibration.equivalent.virtual_joints),
         "largest": LARGEST_POSITION,

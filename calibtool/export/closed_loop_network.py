@@ -19,28 +19,30 @@ from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import LM_STOPPING, levenberg_marquardt, run
 from calibtool.errors import NoSolutionError
+from calibtool.export.taught_region import TaughtRegion
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.se3 import Array
 
 HIDDEN = 24
 _TAUGHT, _JUDGED = 1500, 500  # configurations
+_ANYWHERE = 20_000  # configurations of the whole region on which nothing may become worse
+LEAST_PART = 0.9  # of the configurations that must be in the region of the network
 LARGEST_PART = 0.1  # of the rms error that is corrected: a network that leaves more is refused
 
 
 @dataclass(frozen=True, eq=False)
 class Taught:
-    """N(q) ≈ q_m − q of `compensation.exact`, for joints inside the range of its training.
+    """N(q) ≈ q_m − q of `compensation.exact`, for joints in the region of its training.
 
     network      of n outputs, rad or m
-    lower, upper (n,) range of the joints in training, rad or m
+    region       configurations in which it may be used
     before, exact, after  largest errors of the task components on other configurations: as
                  commanded, exactly corrected, corrected by the network; mm and mrad each
     mean         mean errors of the same, mm and mrad each
     """
 
     network: Network
-    lower: Array
-    upper: Array
+    region: TaughtRegion
     before: tuple[float, float]
     exact: tuple[float, float]
     after: tuple[float, float]
@@ -52,7 +54,8 @@ class Taught:
 
         The loss is the weighted error of the task components, |A (N − Δ)|². Raises NoSolutionError
         where the largest error that it leaves is more than LARGEST_PART of the rms error to be
-        corrected.
+        corrected, or where less than LEAST_PART of the configurations are in a region in which
+        nothing becomes worse.
         """
         robot, rng = calibration.robot, np.random.default_rng(0)
         workspace = robot.workspace()
@@ -83,21 +86,44 @@ class Taught:
         ]
         before, done, after = (_pair(each.max(axis=0)) for each in sizes)
         weighted = [np.linalg.norm(each / [robot.length * 1e3, 1e3], axis=-1) for each in sizes]
-        if weighted[2].max() > LARGEST_PART * np.sqrt(np.mean(weighted[0] ** 2)):
+        largest = LARGEST_PART * float(np.sqrt(np.mean(weighted[0] ** 2)))
+        remedy = "make the default workspace smaller, or use json"
+        if weighted[2].max() > largest:
             raise NoSolutionError(
                 f"{robot.name}: a network of {HIDDEN} nodes leaves {after[0]:.3g} mm and "
                 f"{after[1]:.3g} mrad of {before[0]:.3g} mm and {before[1]:.3g} mrad, more than "
-                f"{LARGEST_PART * 100:g} %: make the default workspace smaller, or use json"
+                f"{LARGEST_PART * 100:g} %: {remedy}"
+            )
+        region = TaughtRegion.of(robot, q[known], network)
+        region = region.without(_worse(calibration, task, network, region, largest))
+        if region.holds(q).mean() < LEAST_PART:
+            raise NoSolutionError(
+                f"{robot.name}: near singularities, a network of {HIDDEN} nodes makes poses worse: "
+                f"{remedy}"
             )
         return cls(
             network=network,
-            lower=q[known].min(axis=0),
-            upper=q[known].max(axis=0),
+            region=region,
             before=before,
             exact=done,
             after=after,
             mean=_pair(sizes[2].mean(axis=0)),
         )
+
+
+def _worse(
+    calibration: Calibration, task: Task, network: Network, region: TaughtRegion, largest: float
+) -> Array:
+    """Of configurations that are drawn in the region, those (k, n) that the loops do not close
+    for, or that have an error of the task components larger with the network than without it, and
+    than `largest` (weighted, mm)."""
+    robot = calibration.robot
+    q = region.drawn(_ANYWHERE, np.random.default_rng(1))
+    commanded, sizes = robot.mechanism.forward(q), []
+    for moved in (np.zeros(q.shape), network(q)):
+        error = weighted_error(calibration.forward(q + moved), commanded, robot.length)
+        sizes.append(np.linalg.norm(task.of_error(error, commanded), axis=-1) * 1e3)
+    return np.asarray(q[~(sizes[1] <= np.maximum(sizes[0], largest))])
 
 
 def _sizes(length: float, task: Task, error: Array, commanded: Array) -> Array:
