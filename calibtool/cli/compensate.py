@@ -127,6 +127,8 @@ def compensate(
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
+    if not targets:
+        raise UsageError("the name of the targets is empty; give a file, a folder or '-'")
     folder = targets != STREAM and Path(targets).is_dir()
     if not folder:
         check_output(output, force)
