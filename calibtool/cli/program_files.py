@@ -150,9 +150,11 @@ def compensate_folder(
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
     """Path, bytes and language of the programs below a folder, without those in `output`.
 
-    Files with a suffix of other things are named and passed over, unless --format names a language.
+    Files with a suffix of other things, and those in languages that are not read, are named and
+    passed over, unless --format names a language.
     """
     from calibtool.programs.formats import usual_suffix
+    from calibtool.programs.unread import unread_program
 
     found, others = [], []
     for path in sorted(Path(folder).rglob("*")):
@@ -162,14 +164,15 @@ def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, st
         language = recognised(str(path), data[:65536])
         if language in ROWS or kind not in ("auto", language):
             continue
-        if kind == "auto" and not usual_suffix(str(path), language):
+        unusual = unread_program(data[:65536]) or not usual_suffix(str(path), language)
+        if kind == "auto" and unusual:
             others.append(str(path.relative_to(folder)))
         else:
             found.append((str(path), data, language))
     if others:
         more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
         message(
-            f"{folder}: passed over, as their suffixes are those of no program: "
+            f"{folder}: passed over, of other suffixes or languages: "
             f"{', '.join(others[:_NAMED])}{more}; --format takes them too"
         )
     return found
