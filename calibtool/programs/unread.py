@@ -21,8 +21,8 @@ _LINES = {
     rb"\b(?:pos[jx]|set_(?:vel|acc)[jx]|amove[jlc])[ \t]*\(|\bDR_(?:BASE|TOOL|MV)"
     rb"|\bmove[jlc][ \t]*\([^\n#]{0,300}\b(?:vel|acc)[ \t]*=": "a program of a Doosan controller (DRL)",
     rb"^[ \t]*Fend\b": "a program of an Epson controller (SPEL+)",
-    rb"^[ \t]*(?:\d+[ \t]+)?[PJ]\w*[ \t]*=[ \t]*\((?:[-+\d. \t]+,){2,}[-+\d. \t]*\)": "a program "
-    "of a Mitsubishi controller (MELFA-BASIC)",
+    rb"^[ \t]*(?:\d+[ \t]+)?[PJ]\w*[ \t]*=[ \t]*"
+    rb"\((?:[-+\d. \t]+,){2,}[-+\d. \t]*\)": "a program of a Mitsubishi controller (MELFA-BASIC)",
     rb"^[ \t]*(?:\d+[ \t]+)?MOVEX?[ \t]+A=\d": "a program of a Nachi controller (SLIM)",
     rb"^[ \t]*(?i:TakeArm|GiveArm)\b": "a program of a Denso controller (PAC, PacScript)",
     rb"^Program File Format Version\b": "a job of a Hyundai controller (.JOB)",
