@@ -19,7 +19,7 @@ _LINES = {
     rb"^import[ \t]+[\w.]+(?:[ \t]+as[ \t]+\w+)?[ \t]*(?:#.*)?\r?$"
     rb"|^from[ \t]+(?!DRCF)[\w.]+[ \t]+import\b": "a Python script; give the program that it makes",
     rb"\b(?:pos[jx]|set_(?:vel|acc)[jx]|amove[jlc])[ \t]*\(|\bDR_(?:BASE|TOOL|MV)"
-    rb"|\bmove[jlc][ \t]*\([^\n#]{0,300}\b(?:vel|acc)[ \t]*=": "a program of a Doosan controller (DRL)",
+    rb"|\bmove[jlc][ \t]*\([^\n#]{0,300}\b(?:vel|acc)[ \t]*=": "a program of a Doosan arm (DRL)",
     rb"^[ \t]*Fend\b": "a program of an Epson controller (SPEL+)",
     rb"^[ \t]*(?:\d+[ \t]+)?[PJ]\w*[ \t]*=[ \t]*"
     rb"\((?:[-+\d. \t]+,){2,}[-+\d. \t]*\)": "a program of a Mitsubishi controller (MELFA-BASIC)",

@@ -71,12 +71,17 @@ def _between(head: list[str], filled: list[int], position: int, sign: str) -> bo
 
 
 def names_by_number(lines: list[str], delimiter: str | None = None) -> list[str] | None:
-    """Names c1, c2, … of columns where the first line is numbers alone; else None."""
+    """Names of columns where the first line is a row: c1, c2, … of numbers alone; name x y z of one
+    name and three numbers, of which one has decimals; else None.
+    """
     first = next((line for line in lines if line.strip(" \t;,\r\ufeff")), "")
     for sign in (delimiter,) if delimiter else _DELIMITERS:
         cells = _cells(first.removeprefix("\ufeff").strip(" \r\n"), sign)
         if len(cells) > 1 and all(map(_NUMBER.fullmatch, cells)):
             return [f"c{k}" for k in range(1, len(cells) + 1)]
+        numbers = [cell for cell in cells if _NUMBER.fullmatch(cell)]
+        if len(cells) == 4 and numbers == cells[1:] and re.search(r"[.,]", "".join(numbers)):
+            return ["name", "x", "y", "z"]
     return None
 
 
