@@ -86,3 +86,21 @@ def test_texts_as_arguments(argument: str) -> None:
     known, left = bases(*lines, f"SREAD({argument},S,O)", f"LIN {POSE}", "END")
     assert list(known) == [6]
     assert not left
+
+
+def test_system_variables_are_no_targets() -> None:
+    """Machine data hold axes that are tolerances and places to be monitored, not motions."""
+    axes = "{A1 2.0,A2 -90.0,A3 90.0,A4 2.0,A5 2.0,A6 2.0,E1 0.0}"
+    lines = [
+        "DEFDAT $MACHINE PUBLIC",
+        f"E6AXIS $H_POS={axes}",
+        f"E6AXIS $H_POS_TOL={axes}",
+        f"$AXIS_HOME[1]={axes}",
+        f"DECL E6AXIS XHOME={axes}",
+        "ENDDAT",
+    ]
+    sources = [ProgramText("$machine.dat", "\n".join(lines))]
+    literals = read_program("kuka-krl", sources, load_robot("ur5")).literals
+    assert [one.line for one in literals if not one.not_corrected] == [5]
+    said = {one.not_corrected for one in literals} - {""}
+    assert said == {"a system variable of the controller"}
