@@ -148,3 +148,35 @@ def test_a_quaternion_from_zero_to_z_is_no_joint() -> None:
     found = read(text, Stated("mm", None))
     assert found.rotations is not None
     np.testing.assert_allclose(found.rotations, POSES[:, :3, :3], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["points", "pose"])
+def test_frames_in_which_nothing_was_seen_are_left_out(kind: str) -> None:
+    """With their joints, and said with their lines; a cell alone that is empty is an error."""
+    turns = Rotation.from_matrix(POSES[:, :3, :3]).as_quat()
+    points = kind == "points"
+    text = markers("motive") if points else body("Quaternion", "Meters", 1.0, turns, 4)
+    first = len(text.split("\n")) - ROWS
+    rows = text.split("\n")
+    for k in (2, 7):
+        cells = rows[first + k].split(",")
+        rows[first + k] = ",".join([*cells[:2], *[""] * (len(cells) - 2)])
+    found = read_table("\n".join(rows), "t.csv", ARM, joints=JointFile(JOINTS, "j.csv"))
+    kept = [k for k in range(ROWS) if k not in (2, 7)]
+    np.testing.assert_allclose(np.rad2deg(found.measurements.q), Q[kept], atol=1e-9)
+    expected = POINTS[kept] * 1e-3 if points else POSES[kept][:, None, :3, 3]
+    np.testing.assert_allclose(found.measurements.points, expected, atol=1e-9)
+    lines = f"line {first + 3}, {first + 8}"
+    said = f"t.csv: 2 rows in which nothing was measured left out: {lines}"
+    assert said in [*found.understood.remarks, *found.warnings]
+    cells = rows[first].split(",")
+    rows[first] = ",".join([*cells[:2], "", *cells[3:]])
+    with pytest.raises(InputError, match=f"t.csv:{first + 1}: .* is empty"):
+        read("\n".join(rows))
+
+
+def test_a_file_without_any_measurement_is_refused() -> None:
+    rows = [",".join(cells.split(",")[:2]) + "," * 9 for cells in markers("motive").split("\n")]
+    head = markers("motive").split("\n")[:-ROWS]
+    with pytest.raises(InputError):
+        read("\n".join([*head, *rows[-ROWS:]]))
