@@ -32,15 +32,17 @@ def limit(low: object, high: object) -> str:
 
 def arm(more: str = "", root: str = "base", joints: str = "joint", flange: str = "tool0") -> str:
     """Six joints from `base`; `flange` is 0.1 m behind the last one, unless it is empty."""
-    axes = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"]
     at = ["0 0 0.3", "0.1 0 0.1", "0 0 0.5", "0.1 0 0.07", "0.3 0 0", "0.1 0 0"]
     parts, link = [], root
-    for k, (axis, origin) in enumerate(zip(axes, at, strict=True), start=1):
+    for k, (axis, origin) in enumerate(zip(AXES, at, strict=True), start=1):
         inside = f'<origin xyz="{origin}"/><axis xyz="{axis}"/>{limit(-2.5, 2.5)}'
         parts.append(joint(f"{joints}_{k}", link, f"link_{k}", "revolute", inside))
         link = f"link_{k}"
     end = joint("mount", link, flange, more='<origin xyz="0 0 0.1"/>') if flange else ""
     return f'<robot name="sample"><link name="base"/>\n{"".join(parts)}{end}{more}</robot>'
+
+
+AXES = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"]
 
 
 def finger(name: str, on: str, more: str = "", kind: str = "prismatic") -> str:
@@ -304,6 +306,23 @@ def test_a_xacro_file_is_expanded_where_xacrodoc_is_installed(
         read(text.replace("3 * h", "no_such_property"), "sample.xacro")
 
 
+UNUSED = '<xacro:property name="width" value="0.2"/>'
+
+
+def test_a_property_that_nothing_refers_to_makes_no_xacro_file(
+    monkeypatch: pytest.MonkeyPatch, read: Callable[..., Robot]
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    text = arm().replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ')
+    head, tail = text.split('<link name="base"/>', 1)
+    robot = read(f'{head}{UNUSED}<link name="base"/>{UNUSED}{tail}')
+    np.testing.assert_array_equal(robot.mechanism.forward(Q), read(arm()).mechanism.forward(Q))
+    inertial = '<inertial><mass value="${width}"/><origin xyz="0 0 0"/></inertial>'
+    for more in (f'<link name="base">{inertial}</link>', '<xacro:arm/><link name="base"/>'):
+        with pytest.raises(InputError, match="a xacro file"):
+            read(f"{head}{UNUSED}{more}{tail}")
+
+
 @pytest.mark.parametrize(
     ("follower", "leader"), [("joint_2", "joint_3"), ("joint_3", "joint_3"), ("joint_5", "joint_6")]
 )
@@ -387,6 +406,20 @@ def test_limits_that_cannot_be_meant_are_said(
     assert set(found) <= set(check_robot(robot, "sample.urdf").warnings)
     if "are assumed" in finding:
         assert (robot.lower[4], robot.upper[4]) == (-np.pi, np.pi)
+
+
+def test_limits_in_rad_that_are_read_as_degrees_are_said(read: Callable[..., Robot]) -> None:
+    """MuJoCo's unit is the degree; the finding takes the place of a remedy that would not help."""
+    bodies = [f'<body pos="0 0 0.3"><joint axis="{a}" range="-3.1 3.1"/>' for a in AXES]
+    text = "<mujoco>{}<worldbody>" + "".join(bodies) + "</body>" * 6 + "</worldbody></mujoco>"
+    degrees = read(text.format(""), "arm.xml")
+    assert any("at most 3.1 deg, which look like rad" in line for line in implausible(degrees))
+    radians = read(text.format('<compiler angle="radian"/>'), "arm.xml")
+    np.testing.assert_allclose(radians.upper, np.rad2deg(degrees.upper), rtol=1e-9)
+    assert implausible(radians) == []
+    narrow = read(text.format("").replace("-3.1 3.1", "-0.1 0.1"), "arm.xml")
+    with pytest.raises(InputError, match=r"every configuration is singular.* look like rad"):
+        check_robot(narrow, "arm.xml")
 
 
 def test_a_plausible_arm_has_no_findings(read: Callable[..., Robot]) -> None:

@@ -127,6 +127,25 @@ def test_one_point_per_line_with_joints_by_row_order(points: str) -> None:
     check(read(long_form(points), JointFile(joint_table(None), "j.csv")))
 
 
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(";", ","), (",", "."), ("\t", "."), (" ", ".")]
+)
+@pytest.mark.parametrize("header", ["Feature Name{0}X{0}Y{0}Z", "Element{0}x{0}y{0}z", ""])
+def test_points_below_the_names_of_measuring_programs_or_none(
+    header: str, separator: str, decimal: str
+) -> None:
+    """Without a header, a name and three numbers are `name x y z`."""
+    lines = [
+        separator.join([f"P{c + 1}_{t + 1}", *(f"{v:.3f}".replace(".", decimal) for v in point)])
+        for c, points in enumerate(POINTS)
+        for t, point in enumerate(points)
+    ]
+    if header and separator == " ":
+        header = header.replace("Feature ", "")
+    text = "\n".join([*([header.format(separator)] if header else []), *lines])
+    check(read(text, JointFile(joint_table(None), "j.csv")))
+
+
 def test_one_point_per_line_with_the_joints_in_every_line() -> None:
     lines = ["config;target;j1;j2;j3;X;Y;Z"]
     for c in range(6):

@@ -61,6 +61,21 @@ def test_machine_data_are_the_arm_of_its_urdf(read: Callable[[str | bytes], Robo
     np.testing.assert_array_equal(same.mechanism.forward(q), found)
 
 
+def test_letters_are_small_or_large_as_in_krl(read: Callable[[str | bytes], Robot]) -> None:
+    """Also what refuses an arm of another kind is found."""
+    ends = "$SOFTN_END[{0}]=-9{0}.0\n$SOFTP_END[{0}]=7{0}.0\n"
+    text = TEXT + "".join(ends.format(j) for j in range(1, 7))
+    robot = read(text)
+    for other in (text.lower(), text.replace("{X", "{x").replace(",Z", ",z")):
+        same = read(other)
+        np.testing.assert_array_equal(same.lower, robot.lower)
+        q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (5, 6))
+        np.testing.assert_array_equal(same.mechanism.forward(q), robot.mechanism.forward(q))
+    for old, new in (("#nr", "#cc"), ("#zeh", "#wih"), ("$axis_dir[1]=-1", "$axis_dir[1]=1")):
+        with pytest.raises(InputError, match=r"\$(MAIN_AXIS|WRIST_AXIS|AXIS_DIR)"):
+            read(text.lower().replace(old, new))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [

@@ -9,7 +9,7 @@ import pytest
 from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
 
-XACRO = '<robot name="a" xmlns:xacro="x"><xacro:property name="h" value="1"/></robot>'
+XACRO = '<robot name="a" xmlns:xacro="x"><xacro:include filename="h"/></robot>'
 
 
 @pytest.fixture

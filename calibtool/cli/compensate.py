@@ -127,6 +127,8 @@ def compensate(
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
+    if not targets:
+        raise UsageError("the name of the targets is empty; give a file, a folder or '-'")
     folder = targets != STREAM and Path(targets).is_dir()
     if not folder:
         check_output(output, force)
@@ -180,6 +182,8 @@ def compensate(
         compensate_folder(loaded, targets, programs.kind, output, force, how(), programs, bounds)
         return
     with input_stream(targets) as stream:
+        if programs.kind == "auto":
+            check_readable(shown(targets), stream.peek())
         found = recognised(targets, stream.peek()) if programs.kind == "auto" else programs.kind
         if found not in ROWS:
             check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
@@ -191,12 +195,11 @@ def compensate(
                 loaded, data, targets, found, output, force, options_of_program, programs, bounds
             )
             return
-        if programs.kind == "auto":
-            check_rows(shown(targets), stream.peek())
         if programs.given:
             raise UsageError(
                 "--on-error, --frames, --with, --report, --partial and --controller are for "
-                f"programs, but {shown(targets)} holds rows"
+                f"programs, but {shown(targets)} is read as rows; if it is one, --format names its "
+                "language"
             )
         options = StreamOptions(
             method=solver,
@@ -244,8 +247,8 @@ def _bounds(
     return f"limit of the change of a joint: {limit} (--largest-change-deg)"
 
 
-def check_rows(name: str, head: bytes) -> None:
-    """InputError for rows that are a program in another language."""
+def check_readable(name: str, head: bytes) -> None:
+    """InputError for a program in a language that is not read."""
     from calibtool.programs.unread import unread_program
 
     if what := unread_program(head):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
 _OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
+_NAMED = 5  # files in a message
 _HEADER = re.compile(rf"(^|[,;\s\"]){_COLUMN}($|[,;\s\"])")
 
 
@@ -147,15 +148,33 @@ def compensate_folder(
 
 
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
-    """Path, bytes and language of the programs below a folder, without those in `output`."""
-    found = []
+    """Path, bytes and language of the programs below a folder, without those in `output`.
+
+    Files with a suffix of other things, and those in languages that are not read, are named and
+    passed over, unless --format names a language.
+    """
+    from calibtool.programs.formats import usual_suffix
+    from calibtool.programs.unread import unread_program
+
+    found, others = [], []
     for path in sorted(Path(folder).rglob("*")):
         if not path.is_file() or path.is_relative_to(output):
             continue
         data = read_bytes(str(path))
         language = recognised(str(path), data[:65536])
-        if language not in ROWS and kind in ("auto", language):
+        if language in ROWS or kind not in ("auto", language):
+            continue
+        unusual = unread_program(data[:65536]) or not usual_suffix(str(path), language)
+        if kind == "auto" and unusual:
+            others.append(str(path.relative_to(folder)))
+        else:
             found.append((str(path), data, language))
+    if others:
+        more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
+        message(
+            f"{folder}: passed over, of other suffixes or languages: "
+            f"{', '.join(others[:_NAMED])}{more}; --format takes them too"
+        )
     return found
 
 

@@ -139,9 +139,10 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
+        probably = "".join(f": {finding}" for finding in implausible(robot)[:1])
         raise InputError(
             f"{place}: every configuration is singular, two joints move the tool alike or hardly "
-            "at all; lock one of them in [kinematics], or check axes and link lengths"
+            "at all; lock one of them in [kinematics], or check axes and link lengths" + probably
         )
     workspaces = [_workspace(robot, name, place) for name in robot.workspace_names[:-1]]
     equivalent = equivalent_robot(robot)

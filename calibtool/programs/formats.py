@@ -60,6 +60,11 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
     return readonly(robot.coupling if own is None else own(robot))
 
 
+def usual_suffix(name: str, language: str) -> bool:
+    """Whether a file has a suffix of programs in the language called `language`."""
+    return PurePath(name).suffix.lower() in _MODULES[language].SUFFIXES
+
+
 def detected(text: str, name: str) -> str | None:
     """Format of a program by its contents, or by the suffix if ambiguous; None if unknown."""
     text = text.removeprefix(BYTE_ORDER_MARK)

@@ -217,7 +217,9 @@ class Assignments(Values):
         if type_ not in POSITIONS and not driven and (type_ or not self.text.complete(start, end)):
             return  # load data, motion parameters, something else
         not_corrected = ""
-        if type_ == "FRAME" and not driven:
+        if low.startswith("$"):  # $AXIS_HOME, $H_POS, $H_POS_TOL of the machine data
+            not_corrected = "a system variable of the controller"
+        elif type_ == "FRAME" and not driven:
             not_corrected = "a FRAME that no motion of this program goes to"
         elif line_framed is not None:
             not_corrected = f"is used as a frame too (line {line_framed})"

@@ -27,6 +27,19 @@ class Started:
     steps: tuple[Step, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Change:
+    """What a start may do to variables.
+
+    inside       routines that only run then: nothing changes their own variables
+    assignments  the assignment of an unknown value, for each variable
+    """
+
+    start: Started
+    inside: frozenset[str]
+    assignments: Mapping[str, Assign]
+
+
 def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Routine]:
     """The routines, with variables unknown from the point on where something else may change them.
 
@@ -34,7 +47,7 @@ def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Ro
     """
     bodies = {routine.name: routine.body for routine in routines}
     declared = [start for start in starts if start.word == "INTERRUPT DECL"]
-    result = list(routines)
+    changes: list[_Change] = []
     for start in starts:
         if start.word == "INTERRUPT DECL":
             continue
@@ -46,17 +59,12 @@ def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Ro
         )
         inside: set[str] = set()
         names = dict.fromkeys(_assigned(steps, bodies, inside))
-        if names:
-            why = f"may be changed at any time ({start.word} in line {start.line})"
-            changes = {
-                n: Assign(start.line, n, Edited(n, (), TURNED_ANGLES, start.line, why))
-                for n in names
-            }
-            result = [
-                one if one.name in inside else replace(one, body=tuple(_body(one, start, changes)))
-                for one in result
-            ]
-    return result
+        why = f"may be changed at any time ({start.word} in line {start.line})"
+        assignments = {
+            n: Assign(start.line, n, Edited(n, (), TURNED_ANGLES, start.line, why)) for n in names
+        }
+        changes.append(_Change(start, frozenset(inside), assignments))
+    return [replace(one, body=tuple(_body(one, changes))) for one in routines]
 
 
 def _same(declared: str, number: str) -> bool:
@@ -76,21 +84,29 @@ def _assigned(
             yield from _assigned(bodies[step.routine], bodies, inside)
 
 
-def _body(routine: Routine, start: Started, changes: Mapping[str, Assign]) -> Iterator[Step]:
-    """The steps of a routine; a variable is unknown from the start, and after assignments."""
-    here = routine.name == start.routine
+def _body(routine: Routine, changes: Iterable[_Change]) -> Iterator[Step]:
+    """The steps of a routine; a variable is unknown from a start on, and after assignments."""
     straight = not any(isinstance(step, Jump) for step in routine.body)
+    here: dict[int, list[Assign]] = {}  # at which step something starts
+    after: dict[str, tuple[int, Assign]] = {}  # from which step on assignments are followed by it
+    for change in (one for one in changes if routine.name not in one.inside):
+        own = change.start.routine == routine.name
+        if own:
+            here.setdefault(change.start.place, []).extend(change.assignments.values())
+        for name, assignment in change.assignments.items():
+            known = change.start.place if own and straight else 0
+            if name not in after or known < after[name][0]:
+                after[name] = known, assignment
     blocks: list[bool] = []  # that are open: whether they are loops
-    for k, step in enumerate((*routine.body, None)):
-        if here and k == start.place:
-            yield from changes.values()
-        if step is None:
-            return
+    for k, step in enumerate(routine.body):
+        yield from here.get(k, ())
         yield step
         if isinstance(step, Begin):
             blocks.append(step.loop)
         elif isinstance(step, End) and blocks:
             blocks.pop()
-        before = here and straight and k < start.place and not any(blocks)
-        if isinstance(step, Assign) and step.name in changes and not before:
-            yield changes[step.name]
+        elif isinstance(step, Assign) and step.name in after:
+            known, assignment = after[step.name]
+            if k >= known or any(blocks):
+                yield assignment
+    yield from here.get(len(routine.body), ())

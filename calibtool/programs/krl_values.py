@@ -78,9 +78,7 @@ class Values:
 
     def variables(self, target: Value | None) -> tuple[str, ...]:
         """The variables to which `target` may refer."""
-        held = (
-            self.declared[target] if isinstance(target, str) and target.endswith("[]") else target
-        )
+        held = self.declared.get(target, target) if isinstance(target, str) else target
         parts = held.parts if isinstance(held, Either) else (held,)
         return tuple(part for part in parts if isinstance(part, str))
 

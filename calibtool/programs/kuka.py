@@ -36,7 +36,8 @@ from calibtool.robot.robot import Robot
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")
 _START = re.compile(
-    r"^[^\S\n]*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT\s+\w+|(?:FCT)?[^\r\n(]+\([^\r\n)]*\)(?!\s*:)))",
+    r"^[^\S\n]*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT\s+\w+"
+    r"|(?:FCT)?[^\S\r\n][^\r\n(]+\([^\r\n)]*\)[^\S\r\n]*(?:[;\r]|$)))",
     re.MULTILINE | re.IGNORECASE,
 )
 _UNSAID = {BASE_NOW: Frame(FRAME, None), TOOL_NOW: Frame(TOOL, None), MODE_NOW: ON_BASE}

@@ -51,6 +51,13 @@ def _few(atoms: Atoms) -> Atoms:
     return atoms
 
 
+def _factors(part: Atom, of: Product) -> tuple[Value, ...]:
+    """The factors of a part of a product: its own, so that long chains are not nested deeply."""
+    if isinstance(part, Product) and part.kind == of.kind and part.name is None:
+        return part.parts
+    return (part,)
+
+
 @dataclass(eq=False)
 class ValueAnalysis:
     """Values of variables and of expressions.
@@ -126,7 +133,7 @@ class ValueAnalysis:
 
     def _multiplied(self, value: Product, parts: tuple[Atom, ...]) -> Atom:
         if any(isinstance(part, Entry | Product | Edited) for part in parts):
-            return replace(value, parts=parts)
+            return replace(value, parts=tuple(f for part in parts for f in _factors(part, value)))
         T, line = np.eye(4), 0
         for part in parts:
             if isinstance(part, int):
@@ -154,6 +161,10 @@ class ValueAnalysis:
             if own:
                 self.spoiled.setdefault(base, value.why)
             return Unknown(value.why, quiet=own, edited=base)
+        if isinstance(base, Edited) and base.orientation == value.orientation:
+            both = dict(base.components) | dict(value.components)
+            told = bool(base.components and value.components)
+            return replace(base, components=tuple(both.items()) if told else (), line=value.line)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:

@@ -71,6 +71,7 @@ _YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 _TOML = re.compile(
     r"^[ \t]*(?:\[[ \t]*(?:kinematics|targets|limits)[ \t.\]]|(?:name|title)[ \t]*=)", re.MULTILINE
 )
+_PROPERTY = "xacro:property"
 _MACRO = re.compile(r"\$\{|\$\(")
 
 
@@ -120,10 +121,11 @@ def _told_xml(text: str, place: str) -> tuple[Kind, str]:
         what = _XML.get(root.tag, f"an XML file with the root <{root.tag}>")
         raise InputError(f"{place}: {what}; {ACCEPTED}")
     moving = [part for joint in root.iterfind("joint") for part in joint.iter()]
-    macros = any(str(part.tag).startswith("xacro:") for part in root) or any(
-        _MACRO.search(value)
-        for part in [root, *root.iterfind("link"), *moving]
-        for value in part.attrib.values()
+    tags = {str(part.tag) for part in root if str(part.tag).startswith("xacro:")}
+    # properties that nothing refers to change nothing
+    parts = root.iter() if tags == {_PROPERTY} else [root, *root.iterfind("link"), *moving]
+    macros = bool(tags - {_PROPERTY}) or any(
+        _MACRO.search(value) for part in parts for value in part.attrib.values()
     )
     return ("xacro" if macros else "urdf"), text
 

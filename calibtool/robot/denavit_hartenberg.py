@@ -14,6 +14,16 @@ DhConvention = Literal["standard", "modified"]
 DH_CONVENTIONS = ("standard", "modified")
 
 _UNITS = {"a": LENGTHS, "alpha": ANGLES, "d": LENGTHS, "theta": ANGLES}
+_OFFSETS = {"theta": ANGLES, "d": LENGTHS}  # what a column `offset` is added to, by its unit
+_LETTERS = str.maketrans({"α": "alpha", "θ": "theta", "ϑ": "theta", "°": "deg"})
+_NAMES = {"i": "joint", "j": "joint", "link": "joint", "axis": "joint", "#": "joint"}
+_WORDS = {
+    "type": {"r": "revolute", "p": "prismatic", "t": "prismatic"},
+    "convention": {"dh": "standard", "distal": "standard", "classic": "standard"}
+    | {"mdh": "modified", "craig": "modified", "proximal": "modified"},
+}
+_ABOUT = {"joint", "type", "convention", "lower", "upper"}
+_PI = re.compile(r"([+-]?)(?:(\d+(?:\.\d*)?)\s*\*?\s*)?(?:pi|π)(?:\s*/\s*(\d+(?:\.\d*)?))?", re.I)
 
 
 class DhRow(NamedTuple):
@@ -65,7 +75,7 @@ class DhText(NamedTuple):
             try:
                 value = math.nan if "_" in text else float(text)  # Python would read 1_0 as ten
             except ValueError:
-                value = math.nan
+                value = _of_pi(text) if column.endswith("_rad") else math.nan
             if not abs(value) < LARGEST:
                 holds = f"holds '{text}'" if text.strip() else "is empty"
                 raise InputError(f"{place}: column '{column}' {holds}; expected a number")
@@ -82,11 +92,32 @@ def dh_columns(header: Sequence[str]) -> list[str] | None:
     return [column for column in found if column] if all(found) else None
 
 
+def _of_pi(text: str) -> float:
+    """The number that `pi/2`, `-π` or `3*pi/4` is; NaN for another text."""
+    match = _PI.fullmatch(text.strip())
+    if match is None:
+        return math.nan
+    value = float(match[2] or 1) * math.pi / float(match[3] or 1)
+    return -value if match[1] == "-" else value
+
+
+def _column(cell: str) -> str:
+    """A column's name in small Latin letters, its unit behind `_`: `θ [°]` is `theta_deg`."""
+    words = re.findall(r"[^\s\[\](){}_]+", cell.lower().translate(_LETTERS))
+    name = "_".join({"degrees": "deg", "radians": "rad"}.get(word, word) for word in words)
+    return _NAMES.get(name, name)
+
+
 def is_dh(text: str) -> bool:
-    """Whether a text starts like a table of DH parameters, after lines of comment."""
+    """Whether a text starts like a table of DH parameters, with units or without, after lines of
+    comment.
+    """
     lines = (line for line in text.removeprefix("\ufeff").splitlines() if line.strip())
     first = next((line for line in lines if not line.startswith("#")), "")
-    return dh_columns(re.split(r"[,;\t ]+", first.replace('"', "").strip())) is not None
+    cells = re.split(r"[,;\t]", first.replace('"', ""))
+    cells = cells if len(cells) > 1 else first.split()
+    names = list(map(_column, cells))
+    return dh_columns(names) is not None or set(_UNITS) <= set(names)
 
 
 def dh_text(text: str, name: str) -> DhText:
@@ -107,7 +138,7 @@ def dh_text(text: str, name: str) -> DhText:
             raise InputError(
                 f"{name}:{k + 1}: {len(rows[-1])} cells, but the header has {len(rows[0])}"
             )
-    header = rows[0] if rows else []
+    header = list(map(_column, rows[0])) if rows else []
     if len(set(header)) < len(header):
         raise InputError(f"{name}: a column is there twice: {', '.join(header)[:80]}")
     return DhText(name, header, rows[1:], [f"{name}:{k + 1}" for k in filled[1:]])
@@ -117,9 +148,10 @@ def read_dh(table: DhText) -> DhTable:
     """DH parameters from columns `a_mm alpha_deg d_mm theta_deg` (or `_m`, `_rad`).
 
     A column `joint` numbers the rows, 1 to n; a first row `base` and a last row `tool` are
-    constant. A column `type` names the kind of the joints, revolute or prismatic, `lower` and
-    `upper` their limits in deg or mm, `convention` that of the table. Raises InputError for missing
-    columns, bad cells, or rows that are not in order.
+    constant. A column `offset_deg` (or `_rad`) is added to theta, `offset_mm` (or `_m`) to d. A
+    column `type` names the kind of the joints, revolute or prismatic, `lower` and `upper` their
+    limits in deg or mm, `convention` that of the table. Raises InputError for missing columns, bad
+    cells, rows that are not in order, or numbers in a column that is not known, such as a β.
     """
     columns = dh_columns(table.header)
     if columns is None:
@@ -133,6 +165,7 @@ def read_dh(table: DhText) -> DhTable:
         DhRow(*(value * factor for value, factor in zip(row, factors, strict=True)))
         for row in values
     ]
+    rows = _with_offsets(table, rows, columns)
     count = len(rows)
     labels = table.texts("joint") or [str(k + 1) for k in range(count)]
     first = int(labels[:1] == ["base"])
@@ -157,6 +190,42 @@ def read_dh(table: DhText) -> DhTable:
     )
 
 
+def _with_offsets(table: DhText, rows: list[DhRow], columns: list[str]) -> list[DhRow]:
+    """Rows with the columns `offset_…`; InputError for columns of other numbers."""
+    added = {
+        f"{name}_{unit}": (key, TO_SI[unit])
+        for key, units in _OFFSETS.items()
+        for unit in units
+        for name in ("offset", f"{key}_offset")
+    }
+    for column in table.header:
+        if column in added:
+            key, factor = added[column]
+            rows = [
+                row._replace(**{key: getattr(row, key) + offset * factor})
+                for row, offset in zip(rows, table.numbers(column), strict=True)
+            ]
+        elif column not in columns and column not in _ABOUT and _counts(table.texts(column)):
+            raise InputError(
+                f"{table.name}: the column '{column}' is not known in a table of DH parameters; "
+                "known are a alpha d theta offset (with units), joint, type, lower, upper, "
+                "convention; leave it out if it says nothing of the geometry"
+            )
+    return rows
+
+
+def _counts(texts: Sequence[str]) -> bool:
+    """Whether cells hold a number that is not zero."""
+
+    def number(text: str) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            return _of_pi(text)
+
+    return any(abs(number(text)) > 0 for text in texts)
+
+
 def _limits(
     table: DhText, slides: list[bool], first: int, last: int
 ) -> dict[int, tuple[float, float]] | None:
@@ -174,7 +243,8 @@ def _limits(
 
 def _one_of(table: DhText, column: str, known: tuple[str, ...], first: int, last: int) -> list[str]:
     """Cells of a column, each of them one of the known words; InputError otherwise."""
-    cells = table.texts(column)[first:last]
+    words = _WORDS[column]
+    cells = [words.get(cell.lower(), cell.lower()) for cell in table.texts(column)[first:last]]
     for place, cell in zip(table.places[first:], cells, strict=False):
         if cell not in known:
             raise InputError(f"{place}: {column} '{cell}'; expected {' or '.join(known)}")

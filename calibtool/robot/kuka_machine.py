@@ -16,7 +16,8 @@ SIGNS = (-1, 1, 1, -1, -1, -1)  # $AXIS_DIR of every arm of this kind
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1))
 _NUMBER = r"([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)"
 _FRAME_KEYS, _DH_KEYS = ("X", "Y", "Z", "A", "B", "C"), ("DHART_A", "DHART_D", "DHART_ALPHA")
-_IS = re.compile(r"^[^;\n]*\$TIRORO\s*=\s*\{", re.MULTILINE)
+_ANY = re.MULTILINE | re.IGNORECASE  # as KRL is
+_IS = re.compile(r"^[^;\n]*\$TIRORO\s*=\s*\{", _ANY)
 
 
 class MachineData(NamedTuple):
@@ -40,31 +41,31 @@ def is_machine_data(text: str) -> bool:
 def read_machine_data(text: str, name: str) -> MachineData:
     """The machine data of a text. InputError for what is missing, or another kind of arm."""
     for key, kinds in (("MAIN_AXIS", ("#NR",)), ("WRIST_AXIS", ("#ZEH",))):
-        found = re.search(rf"\${key}\s*=\s*(#\w+)", text)
-        if found and found[1] not in kinds:
+        found = re.search(rf"\${key}\s*=\s*(#\w+)", text, _ANY)
+        if found and found[1].upper() not in kinds:
             raise InputError(
                 f"{name}: ${key} is {found[1]}; only #NR arms with a central wrist (#ZEH) are read"
             )
 
     def values(key: str, names: tuple[str, ...]) -> tuple[float, ...]:
-        found = re.search(rf"^[^;\n]*\${key}\s*=\s*\{{([^}}]*)\}}", text, re.MULTILINE)
-        inside = dict(re.findall(rf"(\w+)\s+{_NUMBER}", found[1])) if found else {}
+        found = re.search(rf"^[^;\n]*\${key}\s*=\s*\{{([^}}]*)\}}", text, _ANY)
+        inside = dict(re.findall(rf"(\w+)\s+{_NUMBER}", found[1].upper())) if found else {}
         if not found or set(names) - set(inside):
             raise InputError(f"{name}: no ${key} = {{{' …, '.join(names)} …}} in the machine data")
         return tuple(float(inside[each]) for each in names)
 
     def number(key: str) -> float:
-        found = re.search(rf"^[^;\n]*\${key}\s*=\s*{_NUMBER}", text, re.MULTILINE)
+        found = re.search(rf"^[^;\n]*\${key}\s*=\s*{_NUMBER}", text, _ANY)
         if not found:
             raise InputError(f"{name}: no ${key} in the machine data")
         return float(found[1])
 
-    signs = dict(re.findall(r"\$AXIS_DIR\[(\d)\]\s*=\s*(-?1)\b", text))
+    signs = dict(re.findall(r"\$AXIS_DIR\[(\d)\]\s*=\s*(-?1)\b", text, _ANY))
     if any(int(signs.get(str(j + 1), sign)) != sign for j, sign in enumerate(SIGNS)):
         raise InputError(f"{name}: $AXIS_DIR turns an axis the other way; expected {SIGNS}")
-    more = dict(re.findall(rf"^;\s*\$MAMES\[(\d)\]\s*\+=\s*{_NUMBER}", text, re.MULTILINE))
+    more = dict(re.findall(rf"^;\s*\$MAMES\[(\d)\]\s*\+=\s*{_NUMBER}", text, _ANY))
     ends = [
-        dict(re.findall(rf"\${key}\[(\d)\]\s*=\s*{_NUMBER}", text))
+        dict(re.findall(rf"\${key}\[(\d)\]\s*=\s*{_NUMBER}", text, _ANY))
         for key in ("SOFTN_END", "SOFTP_END")
     ]
     six = [str(j + 1) for j in range(6)]

@@ -10,6 +10,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 
 _MOST_TURN = 20.0  # rad: three turns and more are degrees
+_LEAST_TURN, _SEVERAL = np.deg2rad(7.0), 3  # of several joints together: less are rad as degrees
 _LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
 _FARTHEST_REACH = 20.0  # m, of all links together without slides
 _NEAREST = 1e-3  # m, of the farthest target: nearer ones are written in m
@@ -53,6 +54,12 @@ def _limits(robot: Robot) -> list[str]:
         found.append(
             f"the limits of {', '.join(wide)} look like degrees: up to {turns:.0f} turns; a URDF "
             "has them in rad"
+        )
+    if turning.sum() >= _SEVERAL and widest[turning].max() < _LEAST_TURN:
+        found.append(
+            f"the limits are at most {np.rad2deg(widest[turning].max()):.3g} deg, which look like "
+            'rad: write them in the unit of the file (an MJCF has degrees unless <compiler angle="'
+            'radian"/> says otherwise)'
         )
     return found
 

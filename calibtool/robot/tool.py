@@ -174,7 +174,7 @@ def _tool(tree: Tree, name: str, cut: set[str]) -> str:
     }
     moved = {link: len(way) for link, way in ways.items() if way}
     if not moved:
-        raise InputError(f"{name}: no joint of one degree of freedom; the URDF is no arm")
+        raise InputError(f"{name}: no joint of one degree of freedom; expected an arm")
     gripping = _gripping(tree)
     arm = {
         link: depth

@@ -33,7 +33,7 @@ def parse_urdf(urdf_text: str, name: str) -> pin.Model:
     moving = ElementTree.tostring(_moving_parts(urdf_root(urdf_text, name)), "unicode")
     model = read_urdf(moving, name, pin.buildModelFromXML)
     if model.njoints < 2:
-        raise InputError(f"{name}: the URDF has no movable joint")
+        raise InputError(f"{name}: no movable joint; expected a robot")
     _tell_joints_from_links(model)
     return model
 

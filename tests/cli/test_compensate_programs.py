@@ -284,6 +284,38 @@ def test_the_programs_of_a_folder(calibration: str) -> None:
     assert "holds no programs" in refused(3, "compensate", calibration, "empty", "-o", "new")
 
 
+def test_documents_and_scripts_in_a_folder_are_no_programs(calibration: str) -> None:
+    folder = Path("cell")
+    folder.mkdir()
+    (folder / "part.mod").write_text(PART)
+    (folder / "readme.md").write_text(f"An example:\n{GOOD}")
+    (folder / "old.mod.bak").write_text(PART)
+    (folder / "drive.py").write_text("def home(arm) -> None:\n    arm = {X 1, Y 2}\n")
+    (folder / "epson.prg").write_text("Function main\n  Go P1\nFend\n")
+    (folder / "page.js").write_text("define('arm', []);\ndefault(a)\n")
+    result = run("compensate", calibration, "cell", "-o", "out", "--partial")
+    assert [path.name for path in Path("out").iterdir()] == ["part.mod"]
+    assert "cell: passed over" in result.stderr
+    assert ": epson.prg, old.mod.bak, readme.md; --format takes them too" in result.stderr
+    run("compensate", calibration, "cell", "-o", "all", "--partial", "--format", "abb-rapid")
+    assert sorted(path.name for path in Path("all").iterdir()) == [
+        *["epson.prg", "old.mod.bak", "part.mod", "readme.md"]
+    ]
+    assert "is empty" in refused(2, "compensate", calibration, "", "-o", "none")
+
+
+def test_motions_of_another_maker_are_not_taken_for_those_of_one_that_is_read(
+    calibration: str,
+) -> None:
+    """DRL has UR's names with degrees, and Epson ABB's suffix; nothing is written."""
+    Path("home.drl").write_text("movej([0, 0, 1, 0, 0, 0], vel=30, acc=30)\n")
+    Path("main.prg").write_text("Function main\n  Go P1\nFend\n")
+    for name, maker in (("home.drl", "Doosan"), ("main.prg", "Epson")):
+        assert maker in refused(3, "compensate", calibration, name, "-o", "out")
+        assert maker in refused(3, "compensate", calibration, stdin=Path(name).read_text())
+        assert not Path("out").exists()
+
+
 def test_external_axes_beside_a_pose(calibration: str) -> None:
     text = f"MoveL {FLANGE.replace('[9E9,', '[120.5,')},v100,fine,tool0;\n"
     left = run("compensate", calibration, stdin=text)

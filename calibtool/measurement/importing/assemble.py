@@ -148,6 +148,12 @@ def read_table(
     stated_values = complete.joints.values
     if mapped and joint_values is not None:
         stated_values = joint_values
+    kept, left_out = _measured(source.table, complete)
+    if left_out:
+        same = joint_table is source.table
+        source = replace(source, table=source.table.take(kept))
+        joint_table = source.table if same else joint_table.take(kept)
+        targets, warnings = targets and targets.take(kept), [*warnings, left_out]
     whose = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(whose)
     assert complete.joints is not None
@@ -264,6 +270,25 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
+
+
+def _measured(table: Table, columns: ColumnMap) -> tuple[list[int], str | None]:
+    """Rows in which some cell of a point or pose holds something, and a warning about the others.
+
+    Motion capture has empty cells where nothing was seen. Where all rows are so, none is left out.
+    """
+    names = [name for target in columns.targets for name in target.measured or ()]
+    if columns.pose is not None:
+        names = [*columns.pose.position, *columns.pose.orientation]
+    at = [table.index(name) for name in names]
+    empty = [k for k, row in enumerate(table.rows) if at and not any(row[i] for i in at)]
+    if not empty or len(empty) == len(table):
+        return list(range(len(table))), None
+    count = "1 row" if len(empty) == 1 else f"{len(empty)} rows"
+    lines = line_ranges([table.lines[k] for k in empty])
+    return sorted(set(range(len(table))) - set(empty)), (
+        f"{table.name}: {count} in which nothing was measured left out: line {lines}"
+    )
 
 
 def _driven(joints: Table) -> tuple[list[int], str | None]:

@@ -57,8 +57,9 @@ def parts_found(
     """
     given = given or ColumnMap()
     names = list(robot.chain.model.names)[1:]
-    measured = named(source.table, names, given.columns)
-    of_joints = measured if joints is source.table else named(joints, names, given.columns)
+    chosen = bool(given.targets) or given.pose is not None or given.lengths is not None
+    measured = named(source.table, names, given.columns, chosen)
+    of_joints = measured if joints is source.table else named(joints, names, given.columns, chosen)
     of_arm: JointColumns | InputError = given.joints or InputError("")
     of_points: ColumnMap | InputError = given
     if given.joints is None:
@@ -66,7 +67,7 @@ def parts_found(
             of_arm = _joints(of_joints, robot, source, stated)
         except InputError as error:
             of_arm = error
-    if not given.targets and given.pose is None and given.lengths is None:
+    if not chosen:
         try:
             of_points = ColumnMap().model_copy(update=measured_columns(measured, source, stated))
         except InputError as error:

@@ -9,7 +9,8 @@ from calibtool.tables import Table
 _WORDS = """
     name, point, punkt, pointname, point name, punktname, pose, posename, pose name, id, label,
     configuration, config, konfiguration, target, measurement, messung, nr, no, number, nummer,
-    row, index, #, pt
+    row, index, #, pt, point id, point no, punkt nr, punktnummer, feature, feature name, element,
+    element name, merkmal, nome, nombre
 """
 LABELS = {word.strip() for word in _WORDS.split(",")}
 

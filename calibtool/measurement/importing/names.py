@@ -11,7 +11,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.importing.joint_names import joint_names
 from calibtool.measurement.importing.matrix_names import matrix_names
 from calibtool.measurement.importing.orientation_names import Turned, orientation_names
-from calibtool.measurement.importing.point_names import ROBOT, owner, point_names
+from calibtool.measurement.importing.point_names import ROBOT, own_names, owner, point_names
 from calibtool.measurement.importing.spelling import spelt, split_unit, with_unit
 from calibtool.tables import Table
 
@@ -56,22 +56,27 @@ class Named:
         return all(column in self.original for column in columns)
 
 
-def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -> Named:
+def named(
+    table: Table, joints: Sequence[str] = (), taken: Iterable[str] = (), chosen: bool = False
+) -> Named:
     """The table's columns under standard names; a column whose name is not understood keeps it.
 
     joints: names of the joints in the URDF, in their order. taken: columns of the map, left out.
+    chosen: whether the measured columns are among them; then others may be any points.
     Raises InputError where two columns have the same meaning.
     """
     spoken_for = set(taken)
     free = [column for column in table.header if column and column not in spoken_for]
     place = f"{table.name}:{table.header_line}"
     meant = matrix_names(table, free)
-    meant |= joint_names([column for column in free if column not in meant], joints)
+    mixed = {c for of in orientation_names(free) for c in of.columns if _mixed(of.columns)}
+    meant |= joint_names([column for column in free if column not in mixed | {*meant}], joints)
     rest = [column for column in free if column not in meant]
     turned = orientation_names(rest)
-    points, who = point_names(rest, place, [of.who for of in turned])
+    whose = [of.who for of in turned]
+    points, who = (own_names(rest), None) if chosen else point_names(rest, place, whose)
     meant |= points
-    if not set(meant.values()) & {"qw", "r11"}:
+    if who is not None and not set(meant.values()) & {"qw", "r11"}:
         meant |= _orientation(turned, who)
     for column in free:
         word = _WORDS.get(spelt(column))
@@ -96,6 +101,11 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
         meant.get(column, column) if column in original.values() else "" for column in table.header
     ]
     return Named(replace(table, header=header), original)
+
+
+def _mixed(columns: Iterable[str]) -> bool:
+    """Whether columns are a quaternion Q0 Qx Qy Qz, of which Q0 is no joint."""
+    return {"0", "x"} <= {spelt(column)[-1] for column in columns}
 
 
 def _orientation(turned: Sequence[Turned], who: frozenset[str]) -> dict[str, str]:

@@ -10,6 +10,7 @@ _OWN = re.compile(r"(?:t\d+_(?:nominal_|error_)?|ref\d+_)?[xyz](?:_(?:mm|m|in))?
 _AXIS_LAST = re.compile(r"(?P<who>.*?)(?:(?<![a-z])|(?<=\b[tp]))(?P<axis>[xyz])")
 _AXIS_FIRST = re.compile(r"(?P<axis>[xyz])(?![a-z])(?P<who>.*)")
 _NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
+_LAST = re.compile(r"(.*?)0*(\d{1,9})")
 _WORDS = """
     t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
     act ist mess messwert value translation trans tvec tracker laser target smr prism reflector
@@ -43,7 +44,7 @@ def point_names(
     InputError where two columns have the same meaning, or two sets of columns may be the measured
     points.
     """
-    meant = {column: column.lower() for column in columns if _OWN.fullmatch(column.lower())}
+    meant = own_names(columns)
     groups: dict[tuple[str, str | None], dict[str, str]] = {}
     for column in columns:
         name, unit = split_unit(column)
@@ -64,6 +65,8 @@ def point_names(
             )
     whole = {key: axes for key, axes in groups.items() if len(axes) == 3}
     plain, numbered, others, robot = _sorted(list(whole))
+    if not plain and not numbered and not others and _series(robot):
+        numbered, robot = robot, []  # markers of a body that is called Tool
     alike = len({who for who, _ in plain}) <= 1  # in two units it is still one point
     kinds = [kind for kind in (plain, numbered, others) if kind]
     if len(kinds) > 1 or not alike or (not kinds and len(robot) > 1):
@@ -84,6 +87,11 @@ def point_names(
     for number, key in [(_number(key[0]), key) for key in numbered] or enumerate(others, start=1):
         meant |= {c: with_unit(f"t{number}_{axis}", key[1]) for axis, c in whole[key].items()}
     return meant, who
+
+
+def own_names(columns: Sequence[str]) -> dict[str, str]:
+    """Columns that have calibtool's own names: `x_mm`, `t2_y_mm`, `ref1_x_mm` …"""
+    return {column: column.lower() for column in columns if _OWN.fullmatch(column.lower())}
 
 
 def owner(words: Collection[str]) -> frozenset[str]:
@@ -109,9 +117,23 @@ def _who_axis(name: str) -> tuple[str, str] | None:
 
 
 def _number(who: str) -> int:
-    match = _NUMBERED.fullmatch(who)
+    match = _LAST.fullmatch(_bare(who))
     assert match is not None
-    return int(match[1])
+    return int(match[2])
+
+
+def _bare(who: str) -> str:
+    """The words of a name that do not name the quantity."""
+    words = who.split()
+    return " ".join(word for word in words if word not in _PLAIN or len(words) == 1)
+
+
+def _series(keys: Sequence[tuple[str, str | None]]) -> bool:
+    """Whether names differ in the number at their end alone: tool m1, tool m2."""
+    matches = [_LAST.fullmatch(_bare(who)) for who, _ in keys]
+    found = [(match[1], int(match[2])) for match in matches if match]
+    alike = len({stem for stem, _ in found}) == 1 and len({k for _, k in found}) == len(keys)
+    return len(keys) > 1 and len(found) == len(keys) and alike
 
 
 def _sorted(

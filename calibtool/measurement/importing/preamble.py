@@ -2,6 +2,12 @@
 
 import re
 
+from calibtool.measurement.importing.grouped_header import (
+    joined,
+    marker_names,
+    repeated,
+    with_units,
+)
 from calibtool.measurement.importing.spelling import UNITS
 from calibtool.tables import split_lines
 
@@ -16,8 +22,8 @@ def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[li
     were any.
 
     The header is the line before the first row. It has as many cells as the row: names, not
-    numbers. A line of units below it is joined to its names (`X [mm]`), and a comment sign before
-    it is removed.
+    numbers. A line of units below it is joined to its names (`X [mm]`), a comment sign before it is
+    removed, and names that are repeated stand behind those above them.
     """
     head = lines[:_MOST_LINES]
     filled = [i for i, line in enumerate(head) if line.strip(" \t;,\r")]
@@ -33,8 +39,14 @@ def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[li
                 units, header = names, filled[position - 2]
                 names = _cells(head[header], sign)
             names = _uncommented(names, head[header], len(cells), sign)
+            above = [_cells(head[i], sign) for i in filled if i < header]
+            if len(names) != len(cells):
+                names = marker_names([*above, names], len(cells)) or names
+            if repeated(names) and _between(head, filled, position, sign):
+                continue
             if len(names) != len(cells) or _is_row(names) or len([n for n in names if n]) < 2:
                 continue
+            names = with_units(joined(names, above[::-1]), [*above, _cells(head[header], sign)])
             result = list(lines)
             before = [i for i in filled if i < header]
             for i in before:
@@ -52,13 +64,24 @@ def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[li
     return lines, False
 
 
+def _between(head: list[str], filled: list[int], position: int, sign: str) -> bool:
+    """Whether a line of numbers is one of a header: no line of numbers follows it."""
+    following = filled[position + 1 : position + 2]
+    return any(not _is_row(_cells(head[i], sign)) for i in following)
+
+
 def names_by_number(lines: list[str], delimiter: str | None = None) -> list[str] | None:
-    """Names c1, c2, … of columns where the first line is numbers alone; else None."""
+    """Names of columns where the first line is a row: c1, c2, … of numbers alone; name x y z of one
+    name and three numbers, of which one has decimals; else None.
+    """
     first = next((line for line in lines if line.strip(" \t;,\r\ufeff")), "")
     for sign in (delimiter,) if delimiter else _DELIMITERS:
         cells = _cells(first.removeprefix("\ufeff").strip(" \r\n"), sign)
         if len(cells) > 1 and all(map(_NUMBER.fullmatch, cells)):
             return [f"c{k}" for k in range(1, len(cells) + 1)]
+        numbers = [cell for cell in cells if _NUMBER.fullmatch(cell)]
+        if len(cells) == 4 and numbers == cells[1:] and re.search(r"[.,]", "".join(numbers)):
+            return ["name", "x", "y", "z"]
     return None
 
 

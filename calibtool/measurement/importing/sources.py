@@ -85,7 +85,8 @@ def read_source(
     table = next(read_tables(lines, name, delimiter, decimal, names=names))
     if names is not None:
         notes += (
-            f"{name}: no header; its columns are called c1 … {names[-1]} (--columns MAP.toml)",
+            f"{name}: no header; its columns are called {names[0]} … {names[-1]} "
+            "(--columns MAP.toml)",
         )
     if skipped:
         notes += (
