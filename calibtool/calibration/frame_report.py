@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, log3, pose_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +66,13 @@ def frame_report(calibration: Calibration) -> FrameReport | None:
     taught = replace(calibration, networks=()).in_frame("taught")
     assert taught.frame is not None
     pose, nominal = taught.forward(taught.q), taught.robot.mechanism.forward(taught.q)
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], -1, -2))
+    position, orientation = pose_distances(pose, nominal)
     return FrameReport(
         name="fitted" if calibration.frame is None else calibration.frame.name,
         base=_moved(taught.frame.T_taught_fitted),
         tool=_moved(taught.frame.T_tool_taught),
-        position=np.linalg.norm(pose[:, :3, 3] - nominal[:, :3, 3], axis=-1),
-        orientation=np.linalg.norm(turn, axis=-1),
+        position=position,
+        orientation=orientation,
     )
 
 

@@ -19,7 +19,7 @@ from calibtool.robot.denavit_hartenberg import (
 from calibtool.robot.description import ToleranceTable
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, inverse, log3
+from calibtool.robot.se3 import Array, inverse, pose_distances
 from calibtool.robot.universal_robots import SECTION, changes_model, frames_model
 
 # The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
@@ -184,9 +184,8 @@ def _poses(model: Robot, robot: Robot) -> tuple[Array, Array]:
 
 def _largest(a: Array, b: Array) -> tuple[float, float]:
     """Largest distance and turn between poses (N, 4, 4), m and rad."""
-    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
-    distance = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
-    return float(distance.max()), float(np.linalg.norm(turn, axis=-1).max())
+    position, orientation = pose_distances(a, b)
+    return float(position.max()), float(orientation.max())
 
 
 def _constant(model: Robot, robot: Robot) -> str:

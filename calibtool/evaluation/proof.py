@@ -19,7 +19,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
 from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.se3 import Array, log3, transform_points
+from calibtool.robot.se3 import Array, pose_difference, pose_distances, transform_points
 
 Before = Literal["measured", "expected"]
 
@@ -108,8 +108,7 @@ def _expected(name: str, pose: Array, commanded: Array, setup: Setup) -> MethodE
     errors = point_errors(name, transform_points(pose, setup.targets), commanded, setup)
     if setup.kind.id == "points":
         return errors
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    return replace(errors, orientation=turn)
+    return replace(errors, orientation=pose_difference(pose, commanded)[:, 3:])
 
 
 def _commanded_alike(before: Measurements, commanded: Array) -> Array:
@@ -127,9 +126,8 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     earlier = before.commanded
     if earlier is None:
         earlier = before.robot.mechanism.forward(before.q)
-    apart = np.linalg.norm((earlier - commanded)[:, :3, 3], axis=-1)
-    turned = log3(earlier[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    wrong = np.flatnonzero(np.maximum(apart, np.linalg.norm(turned, axis=-1)) > _SAME_COMMAND)
+    apart, turned = pose_distances(earlier, commanded)
+    wrong = np.flatnonzero(np.maximum(apart, turned) > _SAME_COMMAND)
     if len(wrong):
         raise InputError(
             f"the measurements before the correction: row {wrong[0] + 1} was commanded "

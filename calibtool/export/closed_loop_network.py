@@ -14,13 +14,14 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.compensation.exact import exact
 from calibtool.compensation.status import CORRECTED
-from calibtool.compensation.weighted_error import Task, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import LM_STOPPING, levenberg_marquardt, run
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
+from calibtool.robot.singularity import weighted_jacobian
 
 HIDDEN = 24
 _TAUGHT, _JUDGED = 1500, 500  # configurations
@@ -66,7 +67,7 @@ class Taught:
 
         def error(rows: np.ndarray, moved: Array) -> Array:
             pose = calibration.forward(q[rows] + moved)
-            return weighted_error(pose, poses[rows], robot.length)
+            return pose_difference(pose, poses[rows], robot.length)
 
         pose, jacobian = calibration.forward_and_jacobian(q[known])
         A = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
-from calibtool.robot.inverse import InverseResult, solve_poses
+from calibtool.robot.inverse import InverseResult, nearest_turn, solve_poses
 from calibtool.robot.inverse_starts import Starts, drawn, starts_of
 from calibtool.robot.reach import excluded
 from calibtool.robot.robot import Robot
@@ -118,7 +118,7 @@ def _solve(
     search = _Search(controller, T_base_tool, near, configurations)
     robot, count = controller.robot, len(near)
     first = search.newton(T_base_tool, np.clip(near, robot.lower, robot.upper))
-    q, answered = _near_turn(robot, first.q, near), first.reached.copy()
+    q, answered = nearest_turn(robot, first.q, near), first.reached.copy()
     asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
     obeyed = np.zeros(count, dtype=bool)
     possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
@@ -239,7 +239,7 @@ class _Search:
     def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
         """Which joints q (rows, n) are on the required branch, and the same in its turn."""
         robot = self.controller.robot
-        turned = _near_turn(robot, q, self.near[rows])
+        turned = nearest_turn(robot, q, self.near[rows])
         meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
         if meant.all():
             return meant, turned
@@ -277,13 +277,6 @@ def _repeated(q: Array) -> np.ndarray:
     for j in range(1, q.shape[1]):
         result[:, j] = (np.abs(q[:, :j] - q[:, j : j + 1]).max(axis=-1) < _SAME).any(axis=1)
     return result
-
-
-def _near_turn(robot: Robot, q: Array, near: Array) -> Array:
-    """The same poses with every angle within half a turn of `near` where the limits allow it."""
-    turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
-    allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
-    return np.where(allowed, turned, q)
 
 
 def _turns(robot: Robot, q: Array) -> list[Array]:

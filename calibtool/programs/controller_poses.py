@@ -8,7 +8,7 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, pose_difference
 
 _NEARER = 1e-9  # m: by less the untouched pose is not better
 
@@ -84,7 +84,6 @@ def worse_than_untouched(
 
 def _pose_error(pose: Array, commanded: Array, length: float) -> Array:
     """Distance of the tool plus its rotation times a length, as one number: (N,) m."""
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    both = np.concatenate([pose[:, :3, 3] - commanded[:, :3, 3], turn * length], axis=-1)
-    error: Array = np.linalg.norm(both, axis=-1)
-    return error
+    difference = pose_difference(pose, commanded)
+    difference[:, 3:] *= length
+    return np.asarray(np.linalg.norm(difference, axis=-1))

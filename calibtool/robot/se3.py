@@ -124,6 +124,22 @@ def relative_error(actual: Array, nominal: Array) -> Array:
     return log6(actual @ inverse(nominal))
 
 
+def pose_difference(pose: Array, reference: Array, length: float = 1.0) -> Array:
+    """((p − p_r) / length, log3(R R_rᵀ)): displacement of the tool point, rotation; both in K_0.
+
+    pose and reference (N, 4, 4) T_base_tool: (N, 6), in m and rad. With the robot's characteristic
+    length (m) it is the weighted pose error, all in rad.
+    """
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(reference[:, :3, :3], -1, -2))
+    return np.concatenate([(pose[:, :3, 3] - reference[:, :3, 3]) / length, turn], axis=-1)
+
+
+def pose_distances(pose: Array, reference: Array) -> tuple[Array, Array]:
+    """Distances of the tool points (N,) in m and angles (N,) in rad between poses (N, 4, 4)."""
+    difference = pose_difference(pose, reference)
+    return np.linalg.norm(difference[:, :3], axis=-1), np.linalg.norm(difference[:, 3:], axis=-1)
+
+
 def check_poses(pose: Array, place: str) -> None:
     """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits
     that people write.

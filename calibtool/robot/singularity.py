@@ -94,3 +94,11 @@ def scale_rows(jacobian: Array, length: float) -> Array:
     scaled = jacobian.copy()
     scaled[..., :3, :] /= length
     return scaled
+
+
+def weighted_jacobian(jacobian: Array, pose: Array, length: float) -> Array:
+    """Spatial Jacobian (N, 6, c) in K_0 seen at the tool point of poses (N, 4, 4), rows scaled.
+
+    The derivative of `pose_difference` by the joints, to first order; length in m.
+    """
+    return scale_rows(at_point(jacobian, pose[:, :3, 3]), length)
