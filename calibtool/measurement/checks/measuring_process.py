@@ -13,6 +13,7 @@ from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.units import count_of
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
 _RARE = 1e-3  # probability below which a trend is not chance
@@ -98,11 +99,11 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     rows, means = paths[int(np.argmax(spans))]
     span, noise = max(spans), measurements.noise_position
     numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
-    left = f"; {gross} gross reading{'s' if gross > 1 else ''} left out" if gross else ""
+    omitted = f"; {count_of(gross, 'gross reading')} left out" if gross else ""
     if z < _CLEAR:
         message = (
             f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the "
-            f"file{left}"
+            f"file{omitted}"
         )
         return Finding("reference_drift", "note", message, numbers)
     numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
@@ -113,7 +114,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     message = (
         f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
         "or the instrument "
-        "drifts; import --use-references brings the rows back by them" + left
+        "drifts; import --use-references brings the rows back by them" + omitted
     )
     return Finding("reference_drift", severity(span > noise), message, numbers)
 

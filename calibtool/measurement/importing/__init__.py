@@ -6,7 +6,7 @@ from calibtool.measurement.importing.commanded_targets import CommandedFile
 from calibtool.measurement.importing.imported import Imported, JointFile, Understood
 from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.references import brought_back
-from calibtool.measurement.importing.row_selection import choose_rows, select_rows
+from calibtool.measurement.importing.row_selection import choose_rows
 from calibtool.measurement.importing.second_arm_columns import SecondArm
 from calibtool.measurement.importing.stated_units import Stated
 
@@ -24,6 +24,5 @@ __all__ = [
     "parse_column_map",
     "preview",
     "read_table",
-    "select_rows",
     "template_of",
 ]

@@ -150,6 +150,9 @@ def read_table(
         stated_values = joint_values
     whose = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(whose)
+    if frame is not None:
+        instrument = complete.instrument.model_copy(update={"frame": frame})
+        complete = complete.model_copy(update={"instrument": instrument})
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
@@ -188,15 +191,7 @@ def read_table(
         q=readonly(q),
         points=readonly(points),
         rotations=rotations,
-        setup=known_setup(
-            complete,
-            robot,
-            points,
-            frame or complete.instrument.frame,
-            robot_targets,
-            name,
-            places,
-        ),
+        setup=known_setup(complete, robot, points, robot_targets, name, places),
         values=None if values is None else readonly(values),
         place=place_of,
         noise_position=complete.noise.position_mm * 1e-3,
@@ -221,13 +216,7 @@ def read_table(
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
-        columns=complete.model_copy(
-            update={
-                "instrument": complete.instrument.model_copy(
-                    update={"frame": frame or complete.instrument.frame}
-                )
-            }
-        ),
+        columns=complete,
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
         ignored=_ignored(source, joint_table, complete, joints, second_arm is not None),
