@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import PurePath
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Language(Protocol):
         """The positions and motions of a program of one or several texts."""
 
 
-_LANGUAGES: tuple[Any, ...] = (fanuc, kuka, abb, ur, ros2)
+_LANGUAGES: tuple[Language, ...] = (fanuc, kuka, abb, ur, ros2)
 _MODULES = {module.NAME: module for module in _LANGUAGES}
 PROGRAM_FORMATS = tuple(_MODULES)
 _HEAD = 65536  # characters that tell a format
@@ -42,8 +42,7 @@ _HEAD = 65536  # characters that tell a format
 
 def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of a program in the language called `name`."""
-    program: Program = _MODULES[name].program(sources, robot)
-    return program
+    return _MODULES[name].program(sources, robot)
 
 
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.programs.configurations import Digit, Kuka
 from calibtool.programs.external_axes import arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import pose
@@ -226,13 +227,12 @@ class Text:
         return self._left(kind, start, name, why)
 
     def _integer(self, start: int, end: int) -> Digit | None:
-        inner = self.text[start:end]
-        first = start + len(inner) - len(inner.lstrip())
-        match = _INTEGER.fullmatch(inner.strip())
+        first, last = trimmed(self.text, start, end)
+        match = _INTEGER.fullmatch(self.text, first, last)
         if match is None:
             return None
         value = int(match[1]) if match[1] else int(match[2], 2) if match[2] else int(match[3], 16)
-        return Digit(first, first + len(inner.strip()), value)
+        return Digit(first, last, value)
 
 
 def _too_large(word: str) -> bool:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
-from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split, trimmed
 from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, ProgramText, Routine
 from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
 from calibtool.robot.robot import Robot
@@ -164,23 +164,16 @@ def _elements(code: str, start: int) -> list[tuple[int, int]]:
             raise InputError("a bracket is not closed")
         if not code[flow.end() : end].strip():
             return []
-        return [_trimmed(code, *span) for span in split(code, flow.end(), end)]
+        return [trimmed(code, *span) for span in split(code, flow.end(), end)]
     spans = []
     rest = re.compile(r"[ \t]*(?:\r\n|\n|\r)").match(code, start)
     position = rest.end() if rest else start
     while bullet := _BULLET.match(code, position):
         if re.match(r"[\"']?\w+[\"']?\s*:", bullet[1]):  # the next mapping, not an element
             break
-        spans.append(_trimmed(code, *bullet.span(1)))
+        spans.append(trimmed(code, *bullet.span(1)))
         position = bullet.end()
         position += len(code[position : position + 2]) - len(
             code[position : position + 2].lstrip("\r\n")
         )
     return spans
-
-
-def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:
-    """The span without blanks, comments among them."""
-    inner = code[start:end]
-    start += len(inner) - len(inner.lstrip())
-    return start, start + len(inner.strip())

@@ -18,7 +18,7 @@ from calibtool.programs.motions import (
 )
 from calibtool.programs.numbers import Remark
 from calibtool.programs.values import Atom, Atoms, joined
-from calibtool.programs.variables import NOWHERE, STANDS, State, Variables
+from calibtool.programs.variables import NOWHERE, ROBOT_AT, State, Variables
 
 ROUNDS = 4  # until what is kept, or left by recursion, has settled
 
@@ -92,7 +92,7 @@ class Routines:
         end: State = {}
         for name in self.order:
             for variable, atoms in self.summaries[name].after.items():
-                if variable != STANDS and name not in self._called:
+                if variable != ROBOT_AT and name not in self._called:
                     end[variable] = self.variables.joined(
                         variable, end.get(variable, frozenset()), atoms
                     )
@@ -102,7 +102,7 @@ class Routines:
         summary = Summary()
 
         def entry(name: str) -> Atoms:
-            if root or (name not in self.variables.assigned and name != STANDS):
+            if root or (name not in self.variables.assigned and name != ROBOT_AT):
                 return self.variables.begin(name)
             summary.asked.add(name)
             return frozenset([Entry(name)])
@@ -169,7 +169,7 @@ class Routines:
 
         if isinstance(action, Move):
             for aim in action.aims:
-                state[STANDS] = self._aim(action, aim, variable, routine)
+                state[ROBOT_AT] = self._aim(action, aim, variable, routine)
         elif isinstance(action, Assign):
             if action.name in self.variables.assigned:
                 state[action.name] = self.variables.evaluation.atoms(action.value, variable)
@@ -195,7 +195,7 @@ class Routines:
         self, move: Move, aim: Aim, variable: Callable[[str], Atoms], routine: Routine
     ) -> Atoms:
         """Note the target of a motion; returns the position of the robot afterwards."""
-        before, reached, unknown = variable(STANDS), set[Atom](), False
+        before, reached, unknown = variable(ROBOT_AT), set[Atom](), False
         for atom in self.variables.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
                 unknown = True
@@ -213,12 +213,12 @@ class Routines:
                 setattr(node, name, joined(getattr(node, name), found))
             if aim.near is not None:
                 node.near |= self.variables.evaluation.atoms(aim.near, variable)
-            node.before = self.variables.joined(STANDS, node.before, before)
+            node.before = self.variables.joined(ROBOT_AT, node.before, before)
             reached.add(number)
         if aim.relative:
             self.remark(move.line, move.name, aim.relative, routine)
-        stands = frozenset(reached | before | {NOWHERE} if unknown else reached)
-        return self.variables.joined(STANDS, stands, stands)
+        after = frozenset(reached | before | {NOWHERE} if unknown else reached)
+        return self.variables.joined(ROBOT_AT, after, after)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
         """Note a motion to an unknown target; an edited copy makes its literal no constant."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
@@ -127,7 +128,7 @@ class Positions:
         group = _Group(self.lines(start))
         for item in _ITEM.finditer(self.code, start, end):
             word = item[0].strip()
-            first = item.start() + len(item[0]) - len(item[0].lstrip())
+            first, _ = trimmed(self.code, *item.span())
             if not word or group.bad:
                 continue
             group.end = first

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Container, Sequence
 
-from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split, trimmed
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import (
     JOINT,
@@ -190,10 +190,5 @@ def _is_place(before: str, aims: Container[str]) -> bool:
 
 def elements_of(code: str, start: int, end: int) -> list[tuple[int, int]]:
     """The elements of a list in brackets, without blanks."""
-    found = []
-    for first, last in split(code, start + 1, end - 1):
-        inner = code[first:last]
-        if inner.strip():
-            first = last - len(inner.lstrip())
-            found.append((first, first + len(inner.strip())))
-    return found
+    spans = [trimmed(code, *span) for span in split(code, start + 1, end - 1)]
+    return [(first, last) for first, last in spans if first < last]
