@@ -115,13 +115,13 @@ def _accepted(
     ask: Callable[[str, str], str], question: str, default: str, check: Callable[[str], object]
 ) -> str:
     """The answer to a question; one that `check` refuses is asked again, up to three times."""
-    for left in reversed(range(_TRIES)):
+    for remaining in reversed(range(_TRIES)):
         answer = ask(question, default)
         try:
             check(answer)
             break
         except CalibtoolError as error:
-            if not left:
+            if not remaining:
                 raise
             message(str(error))
     return answer

@@ -1,6 +1,7 @@
 """Options of calibtool import, in groups: the table, files beside it, the rows that are taken."""
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -283,8 +284,6 @@ def _second_arm(name: str) -> "SecondArm":
 
 def _offset(imported: "Imported", text: str) -> float:
     """The offset of --clock-offset, s; with `auto` it is found from the motion, and reported."""
-    from math import isfinite
-
     from calibtool.measurement.checks.clocks import clock_offset
 
     if text == "auto":

@@ -78,6 +78,11 @@ def _blocks(sizes: list[int], width: int, keys: int) -> list[list[int]]:
     return blocks
 
 
+def print_summary(summary: dict[str, object]) -> None:
+    """A nested summary as text on stdout, see `lines`."""
+    write_stdout(("\n".join(lines(summary)) + "\n").encode())
+
+
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:
     """A nested summary as `key: value` lines; lists of entries become tables."""
     result = []
