@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.se3 import Array, exp6, readonly, skew
+from calibtool.robot.se3 import Array, exp6, point_columns, readonly
 
 _MOST_KNOTS = 100  # more readings are averaged, neighbours first
 # of twice a log-likelihood ratio, by how many parts more: 1 in 1,000 of χ²
@@ -101,7 +101,7 @@ class InstrumentMotion:
 
     def deviation(self, points: Array) -> float:
         """Largest standard deviation of the correction at points (P, 3), rms over them, m."""
-        J = _columns(points - self.centre)
+        J = point_columns(points - self.centre)
         variances = np.einsum("pai,kij,paj->kp", J, self.covariance, J)
         return float(np.sqrt(variances.mean(axis=1).max(initial=0.0)))
 
@@ -241,7 +241,7 @@ class _Readings:
         chosen = _elements(free)
         width = (count - 1) * len(chosen)
         A, b = np.zeros((width + 3 * k, width + 3 * k)), np.zeros(width + 3 * k)
-        columns = _columns(self.arms)[..., chosen]
+        columns = point_columns(self.arms)[..., chosen]
         back = (self.points - self.centre - about[:, None, :3]) @ _rotations(about[:, 3:])
         rest = back - self.arms
         seen = np.isfinite(rest[..., 0])
@@ -277,11 +277,6 @@ def _elements(free: tuple[int, ...]) -> list[int]:
 def _of_knot(e: int, size: int) -> slice:
     """Where the unknowns of knot e ≥ 1 are."""
     return slice((e - 1) * size, e * size)
-
-
-def _columns(arms: Array) -> Array:
-    """Displacement of points at arms (P, 3) from the centre by (v, w): (P, 3, 6)."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -skew(arms)], axis=-1)
 
 
 def _rotations(vectors: Array) -> Array:

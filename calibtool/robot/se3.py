@@ -35,6 +35,12 @@ def skew(vector: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
+def point_columns(points: Array) -> Array:
+    """[I, −[p]×], the derivative of a point by a spatial twist: (…, 3) → (…, 3, 6)."""
+    identity = np.broadcast_to(np.eye(3), (*points.shape, 3))
+    return np.concatenate([identity, -skew(points)], axis=-1)
+
+
 def cross(a: Array, b: Array) -> Array:
     """a × b of vectors (3, …), components first."""
     return np.stack(

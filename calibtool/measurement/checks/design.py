@@ -23,8 +23,8 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
     q (N, n), rad or m.
     """
     found = [
-        _still(robot, q),
-        *_equal_joints(robot, q),
+        _still(q),
+        *_equal_joints(q),
         _one_at_a_time(robot, q),
         _repeated(q),
         _plane(robot, q),
@@ -61,7 +61,7 @@ def _first_seen(values: Array) -> Array:
     return np.where(seen.any(axis=0), first, 0.0)
 
 
-def _still(robot: Robot, q: Array) -> Finding | None:
+def _still(q: Array) -> Finding | None:
     still = np.flatnonzero(np.ptp(q, axis=0) < MOVES)
     if not len(still):
         return None
@@ -72,7 +72,7 @@ def _still(robot: Robot, q: Array) -> Finding | None:
     return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
 
 
-def _equal_joints(robot: Robot, q: Array) -> list[Finding]:
+def _equal_joints(q: Array) -> list[Finding]:
     if len(q) < 3:
         return []
     return [

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.measurements import Measurements
 
@@ -31,7 +31,7 @@ class Groups:
             f"much better: {', '.join(told)}; the instrument or its target was moved in between; "
             "name the groups in a column station"
         )
-        numbers: dict[str, float | int | list[float]] = {
+        numbers: Numbers = {
             "first_rows": [start + 1 for start, _ in self.borders],
             "rms_mm": before * 1e3,
             "repaired_rms_mm": self.rms * 1e3,

@@ -59,8 +59,7 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     rows = len(groups) - len(size)
     message = (
         f"{rows} rows repeat the joint positions of another row: they scatter by "
-        f"{scatter * 1e3:.3g} mm per coordinate, "
-        f"stated noise {noise * 1e3:.3g} mm"
+        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
     )
     numbers: Numbers = {
         "rows": rows,

@@ -68,8 +68,7 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
         return None
     message = (
         f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms "
-        "although its positions fit; "
-        "check the convention and the unit of the angles"
+        "although its positions fit; check the convention and the unit of the angles"
     )
     return Finding(
         "orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))}
@@ -156,9 +155,8 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points "
-        f"to {_mm(before.rms)} rms, "
-        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points to "
+        f"{_mm(before.rms)} rms, without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -182,8 +180,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         if after * _BETTER < before:
             message = (
                 f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as "
-                f"{listed(order)}; "
-                "sort their columns"
+                f"{listed(order)}; sort their columns"
             )
             numbers: Numbers = {
                 "order": [i + 1 for i in order],
@@ -201,8 +198,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
     )
     message = (
         f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up "
-        f"to {_mm(free.rms)}; "
-        "check what was given, or leave it out"
+        f"to {_mm(free.rms)}; check what was given, or leave it out"
     )
     return Finding(
         "given_setup",
@@ -226,8 +222,7 @@ def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
         return None
     message = (
         f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in "
-        "this order; harmless while "
-        "they are estimated, wrong with --robot-targets"
+        "this order; harmless while they are estimated, wrong with --robot-targets"
     )
     return Finding("target_order", "note", message, {"order": [int(i) + 1 for i in order]})
 

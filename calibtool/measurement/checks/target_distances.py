@@ -36,7 +36,7 @@ class _Pairs:
             answers.append((float(np.sum(((change - A @ shift) / self.scatter) ** 2)), i, shift))
         answers.sort(key=lambda answer: answer[0])
         least = answers[0][0]
-        alike = sorted(i for left, i, _ in answers if left <= 2 * least + 1e-9)
+        alike = sorted(i for remaining, i, _ in answers if remaining <= 2 * least + 1e-9)
         return " or ".join(str(i + 1) for i in alike), answers[0][2]
 
 

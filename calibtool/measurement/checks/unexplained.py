@@ -57,13 +57,14 @@ class Unexplained:
         weighted = self._weighted(x)
         power = max(float(x @ weighted), 1e-300)
         slope = float(weighted @ y) / power
-        left = y - slope * x
-        apart = self._weighted(left)
+        rest = y - slope * x
+        weighted_rest = self._weighted(rest)
         B = (self.A.T @ self.A) @ self.K
-        noise = len(left) - 2 * np.trace(B) + (B * B.T).sum()  # trace of the square of the weights
+        noise = len(rest) - 2 * np.trace(B) + (B * B.T).sum()  # trace of the square of the weights
         # The noise alone as well: errors smaller than their tolerances would make it look smaller.
         variance = max(
-            float(left @ apart) / max(len(left) - 1, 1), float(apart @ apart) / max(noise, 1.0)
+            float(rest @ weighted_rest) / max(len(rest) - 1, 1),
+            float(weighted_rest @ weighted_rest) / max(noise, 1.0),
         )
         return slope, float(np.sqrt(max(variance, 0.0) / power))
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
@@ -44,7 +44,7 @@ class Zeros:
             f"the nominal robot fits the points to {before * 1e3:.3g} mm rms, but to "
             f"{self.rms * 1e3:.3g} mm if {text}"
         )
-        numbers: dict[str, float | int | list[float]] = {
+        numbers: Numbers = {
             "joints": [int(j) + 1 for j in joints],
             "add_deg_or_mm": [float(size[j]) for j in joints],
             "rms_mm": before * 1e3,

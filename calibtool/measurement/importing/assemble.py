@@ -247,8 +247,7 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning for every target that is missing in some rows, with their lines."""
     return [
         f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
-        f"{int((~seen[:, i]).sum())} of {len(seen)} "
-        "rows; their other targets count: line "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} rows; their other targets count: line "
         f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()

@@ -21,8 +21,7 @@ Triple = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 CONVENTIONS = (
     "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, "
-    "quaternion-wxyz, -xyzw, "
-    "matrix (nine numbers, row by row), matrix-columns"
+    "quaternion-wxyz, -xyzw, matrix (nine numbers, row by row), matrix-columns"
 )
 
 

@@ -88,8 +88,7 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
         if name in original:
             raise InputError(
                 f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, "
-                "or map the columns with "
-                "--columns MAP.toml"
+                "or map the columns with --columns MAP.toml"
             )
         original[name] = column
     header = [

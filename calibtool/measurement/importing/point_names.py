@@ -59,8 +59,7 @@ def point_names(
         if axes.setdefault(who_axis[1], column) != column:
             raise InputError(
                 f"{place}: columns '{axes[who_axis[1]]}' and '{column}' mean the same; rename one, "
-                "or map the columns with "
-                "--columns MAP.toml"
+                "or map the columns with --columns MAP.toml"
             )
     whole = {key: axes for key, axes in groups.items() if len(axes) == 3}
     plain, numbered, others, robot = _sorted(list(whole))

@@ -116,9 +116,8 @@ def _motion(
     if not motion.found:
         span = float((np.nanmax(clean.points, axis=0) - np.nanmin(clean.points, axis=0)).max())
         return (
-            "the reference points do not say more than their noise "
-            f"({motion.noise * 1e3:.2g} mm; they differ by up to {span * 1e3:.2g} mm): the rows "
-            f"stay as they are{omitted}"
+            f"the reference points do not say more than their noise ({motion.noise * 1e3:.2g} mm; "
+            f"they differ by up to {span * 1e3:.2g} mm): the rows stay as they are{omitted}"
         ), None
     back, _ = motion.moved_back(instants, points)
     size = float(np.nanmax(np.linalg.norm(back - points, axis=-1)))

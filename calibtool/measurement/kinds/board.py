@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.instrument import COMPONENTS
+from calibtool.errormodel.family import COMPONENTS
 from calibtool.measurement.kinds.kind import Kind, Readings, of_place, places_of
 from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew

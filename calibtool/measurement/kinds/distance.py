@@ -9,7 +9,7 @@ import numpy as np
 
 from calibtool.measurement.kinds.kind import Readings
 from calibtool.measurement.kinds.tool_point import STARTS, ToolPoint
-from calibtool.robot.se3 import Array, readonly, skew, transform_points
+from calibtool.robot.se3 import Array, point_columns, readonly, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -36,9 +36,7 @@ class Distances(ToolPoint):
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, units = _along(setup, T_base_tool)
-        found: Array = units @ np.concatenate(
-            [np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=-1
-        )
+        found: Array = units @ point_columns(points)
         return found
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:

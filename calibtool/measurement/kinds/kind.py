@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from calibtool.robot.se3 import Array, inverse, readonly
+from calibtool.robot.se3 import Array, inverse, readonly, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -98,9 +98,11 @@ class Kind(ABC):
         """Whether the instrument sees anything at these poses: (N,) bool."""
         return np.ones(len(T_base_tool), dtype=bool)
 
-    @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
         """1/σ of every coordinate (N, d) from the stated noise, 0 for what was not seen."""
+        if readings.values is not None:
+            return np.isfinite(readings.values) / noise_position
+        return readings.seen.repeat(3, axis=-1) / noise_position
 
     def lengths(self, setup: Setup) -> np.ndarray:
         """Which coordinates are lengths, the others angles: (d,) bool."""
@@ -136,12 +138,12 @@ class Kind(ABC):
 
     # --- other frames ---
 
-    @abstractmethod
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
         """The set-up in another tool frame.
 
         T_new_tool (4, 4), m: pose of the present tool frame in the new one.
         """
+        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
 
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
         """The set-up in another base frame.
@@ -165,4 +167,10 @@ def places_of(place: np.ndarray | None, count: int) -> np.ndarray:
 def of_place(arrays: np.ndarray, place: np.ndarray | None, count: int) -> Array:
     """The array of each row's place: (G, …) → (count, …)."""
     found: Array = arrays[places_of(place, count)]
+    return found
+
+
+def array_of(setup: Setup, name: str) -> Array:
+    """An array of the set-up that its kind has, by name."""
+    found: Array = getattr(setup, name)
     return found

@@ -110,6 +110,8 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
 
     parts: poses (k, 4, 4) and readings (k,) on every sphere.
     """
+    from scipy.linalg import block_diag
+
     shared, blocks, right = [], [], []
     for poses, lengths in parts:
         R, p = poses[:, :3, :3], poses[:, :3, 3]
@@ -118,7 +120,7 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
         own = [-2 * R.reshape(len(R), 9), -2 * p, one, -2 * lengths[:, None]]
         blocks.append(np.concatenate(own, axis=-1))
         right.append(lengths**2 - (p**2).sum(axis=-1))
-    A = np.concatenate([np.concatenate(shared), _block_diagonal(blocks)], axis=-1)
+    A = np.concatenate([np.concatenate(shared), block_diag(*blocks)], axis=-1)
     solved: Array = np.linalg.lstsq(A, np.concatenate(right), rcond=1e-9)[0]
     return solved[None, :3]
 
@@ -126,16 +128,6 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
 def _spheres(setup: Setup) -> Array:
     assert setup.spheres is not None
     return setup.spheres
-
-
-def _block_diagonal(blocks: list[Array]) -> Array:
-    """Blocks (k_g, c) along the diagonal."""
-    rows, columns = [len(block) for block in blocks], blocks[0].shape[1]
-    whole = np.zeros((sum(rows), columns * len(blocks)))
-    for g, block in enumerate(blocks):
-        first = sum(rows[:g])
-        whole[first : first + rows[g], columns * g : columns * (g + 1)] = block
-    return whole
 
 
 def _round(setup: Setup) -> np.ndarray:
