@@ -13,7 +13,8 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import coupling_text
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, log6
+from calibtool.robot.se3 import log6
+from calibtool.units import rounded
 
 
 def robot_entry(robot: Robot) -> dict[str, object]:
@@ -41,7 +42,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
                 "kind": "prismatic" if prismatic else "revolute",
                 f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
                 f"upper_{unit}": round(float(robot.upper[j]) * factor, 6),
-                "axis": [round(float(v), 9) + 0.0 for v in (twist[:3] if prismatic else twist[3:])],
+                "axis": rounded(twist[:3] if prismatic else twist[3:], 9),
             }
         )
     return {
@@ -214,11 +215,7 @@ def _setup_summary(setup: Setup) -> dict[str, object]:
     return {
         "frame": "known" if setup.frame_known else "estimated",
         "targets": "known" if setup.targets_known else "estimated",
-        "base_in_instrument_mm": _rounded(setup.T_instrument_base[:3, 3] * 1e3),
-        "base_in_instrument_rotation_vector_deg": _rounded(np.rad2deg(twist[3:])),
-        "targets_on_tool_mm": [_rounded(point * 1e3) for point in setup.targets],
+        "base_in_instrument_mm": rounded(setup.T_instrument_base[:3, 3] * 1e3),
+        "base_in_instrument_rotation_vector_deg": rounded(np.rad2deg(twist[3:])),
+        "targets_on_tool_mm": [rounded(point * 1e3) for point in setup.targets],
     }
-
-
-def _rounded(values: Array) -> list[float]:
-    return [round(float(v), 6) + 0.0 for v in values]

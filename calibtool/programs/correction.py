@@ -321,8 +321,7 @@ def _nothing(program_format: str) -> str:
 
 def _beyond(controller: Controller, q: Array) -> str:
     robot = controller.robot
-    outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
-    j = int(outside[0])
+    j = int(np.argmin(robot.joints_within_limits(q)))
     factor, unit = robot.display_unit(j)
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

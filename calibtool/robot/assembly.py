@@ -41,9 +41,8 @@ def closed_configuration(
             check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
         raise InputError(
             f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
-            "come together while the "
-            "actuators stay there; correct link lengths and frames, or give positions at which the "
-            "mechanism is closed"
+            "come together while the actuators stay there; correct link lengths and frames, or "
+            "give positions at which the mechanism is closed"
         )
     moved = np.abs((theta - start) / scale)
     if moved.max(initial=0.0) > _OPEN:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, cast
 
 from calibtool.errors import InputError
 from calibtool.robot.constant_placements import Step
-from calibtool.units import ANGLES, LARGEST, LENGTHS, TO_SI
+from calibtool.units import ANGLES, LENGTHS, TO_SI, number_in
 
 DhConvention = Literal["standard", "modified"]
 DH_CONVENTIONS = ("standard", "modified")
@@ -62,11 +62,8 @@ class DhText(NamedTuple):
         """The cells of a column as numbers. InputError with place and column for what is none."""
         found = []
         for place, text in zip(self.places, self.texts(column), strict=True):
-            try:
-                value = math.nan if "_" in text else float(text)  # Python would read 1_0 as ten
-            except ValueError:
-                value = math.nan
-            if not abs(value) < LARGEST:
+            value = number_in(text)
+            if math.isnan(value):
                 holds = f"holds '{text}'" if text.strip() else "is empty"
                 raise InputError(f"{place}: column '{column}' {holds}; expected a number")
             found.append(value)

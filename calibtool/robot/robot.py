@@ -271,13 +271,18 @@ class Robot:
         q: Array = self.lower + (self.upper - self.lower) * rng.random((count, self.n))
         return q
 
+    def joints_within_limits(self, q: Array) -> np.ndarray:
+        """Per joint of q (…, n): inside its limits; a rounding error of 1e-9 is allowed. bool"""
+        within: np.ndarray = (q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)
+        return within
+
     def within_limits(self, q: Array) -> np.ndarray:
-        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is
-        forgiven). (N,) bool
+        """Per row of q (N, n): all joints inside their limits, see `joints_within_limits`. (N,)
+        bool
 
         With closed loops also the passive joints; a row that does not close is not inside.
         """
-        inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        inside: np.ndarray = np.all(self.joints_within_limits(q), axis=-1)
         if isinstance(self.mechanism, ClosedMechanism):
             inside &= self.mechanism.passive_within(q)
         return inside
