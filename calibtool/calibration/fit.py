@@ -141,13 +141,9 @@ def on_base(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress = silent,
-    frame: FrameName = "taught",
 ) -> Calibration:
-    """Base model and networks from these rows, without deciding whether the networks are used.
-
-    frame: of a base model that is identified here; a calibration given as base keeps its own.
-    """
-    calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
+    """Base model and networks from these rows, without deciding whether the networks are used."""
+    calibration = base if isinstance(base, Calibration) else identify(measurements, base)
     resolved = options.resolved(_asked(calibration)).candidates[0]
     networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(

@@ -225,11 +225,7 @@ class _Corrector:
         bounds = default_bounds(calibration, options.largest_change, options.weights)
         self.compute = partial(_corrections, calibration, options.method, options.outside, bounds)
         self.correction = CorrectionPath(calibration.robot)
-        backlash = calibration.base.errors["backlash"]
-        self.path = None
-        if options.backlash and backlash.any():
-            robot = calibration.robot
-            self.path = BacklashPath(backlash, robot.lower, robot.upper)
+        self.path = BacklashPath.of(calibration) if options.backlash else None
 
     def asked(self, table: Table, objects: list[dict[str, object]]) -> _Asked:
         """The targets of a table. InputError where it has none, or was written by compensate."""

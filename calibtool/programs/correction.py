@@ -106,11 +106,9 @@ class Correction:
             notes += check_controller_known(
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
-        backlash = self.calibration.base.errors["backlash"]
-        if self.options.backlash and backlash.any():
+        path = BacklashPath.of(self.calibration) if self.options.backlash else None
+        if path is not None:
             if program.in_order:
-                robot = self.controller.robot
-                path = BacklashPath(backlash, robot.lower, robot.upper)
                 taken = path.taken_up(corrected.q)
                 corrected = replace(corrected, q=corrected.q + taken)
             else:

@@ -6,7 +6,7 @@ Twists are (v, ω), linear first; poses are homogeneous matrices; any leading sh
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from calibtool.errors import InputError
 
@@ -218,7 +218,7 @@ def _closed_factors(t: Array) -> Array:
     return np.stack(closed, axis=-1)
 
 
-def translation(offset: Array) -> Array:
+def translation(offset: ArrayLike) -> Array:
     """Pose of a pure translation: (…, 3) → (…, 4, 4)."""
     offset = np.asarray(offset, dtype=float)
     result = np.broadcast_to(np.eye(4), (*offset.shape[:-1], 4, 4)).copy()

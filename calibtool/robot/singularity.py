@@ -37,14 +37,14 @@ def singularity_distance(jacobian: Array, length: float) -> Array:
     for start in range(0, count, _TOGETHER):
         rows = slice(start, start + _TOGETHER)
         with np.errstate(all="ignore"):  # singular rows are computed again below
-            trace = inverse_trace(_rows_last(regularised_gram(jacobian[rows], length)))
+            trace = inverse_trace(rows_last(regularised_gram(jacobian[rows], length)))
             distance[rows] = 1.0 / np.sqrt(trace)
     again = np.flatnonzero(~(distance > _REGULAR))
     distance[again] = _distance(regularised_gram(jacobian[again], length))
     return distance
 
 
-def _rows_last(values: Array) -> Array:
+def rows_last(values: Array) -> Array:
     """(N, …) → (…, N), a contiguous copy, so that no row depends on the others."""
     return np.moveaxis(values, 0, -1).copy()
 
