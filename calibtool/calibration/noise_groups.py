@@ -108,17 +108,17 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
     def in_axes(columns: Array) -> Array:
         return kind.in_axes(setup, columns, rows.place)
 
-    left = residuals(rows, setup, tool)
-    plain = in_axes(left[..., None])[..., 0]
-    d, targets = left.shape[1], len(setup.targets)
-    whole_residual = plain * scale, np.broadcast_to(np.eye(d), (len(left), d, d))
+    residual = residuals(rows, setup, tool)
+    plain = in_axes(residual[..., None])[..., 0]
+    d, targets = residual.shape[1], len(setup.targets)
+    whole_residual = plain * scale, np.broadcast_to(np.eye(d), (len(residual), d, d))
     ways = [whole_residual]
     if targets > 2:
         R = tool[:, None, :3, :3]
-        apart = left.reshape(len(left), targets, 3, 1)
+        apart = residual.reshape(len(residual), targets, 3, 1)
         apart = apart - R @ (np.swapaxes(R, -1, -2) @ apart).mean(axis=0)
         P = in_axes(observation_matrix(setup, tool, rows.place)) * scale[..., None]
-        noise = in_axes(apart.reshape(*left.shape, 1))[..., 0] * scale
+        noise = in_axes(apart.reshape(*residual.shape, 1))[..., 0] * scale
         ways = [(noise, whole_residual[1] - P @ np.linalg.pinv(P, rcond=1e-6)), whole_residual]
     lengths, coordinates = kind.lengths(setup), np.arange(d)
     numbers = [str(i + 1) for i in range(targets)]

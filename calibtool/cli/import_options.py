@@ -229,15 +229,15 @@ class OtherFiles:
         """The rows in one frame by --use-references or --references; notes for the file."""
         if not self.use_references and self.references is None:
             return imported, []
-        from calibtool.measurement.importing import brought_back
+        from calibtool.measurement.importing import undo_instrument_motion
 
         file = None
         if self.references is not None:
             file = (inputs["references"], shown(self.references))
-        imported, told, moved = brought_back(imported, file, stated)
-        for text in told:
+        imported, notes, moved = undo_instrument_motion(imported, file, stated)
+        for text in notes:
             message(f"note: {text}")
-        return imported, told if moved else []
+        return imported, notes if moved else []
 
     def at_clock_offset(self, imported: "Imported") -> "Imported":
         """The joints at the stamps plus --clock-offset."""

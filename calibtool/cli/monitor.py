@@ -87,7 +87,7 @@ def monitor(
             "such checks"
         )
         if found.alarm:
-            rows = [[cause.name, cause.said] for cause in found.causes[:_SHOWN]]
+            rows = [[cause.name, cause.change_text] for cause in found.causes[:_SHOWN]]
             title = "what may have changed, the most probable first"
             print_tables(title, [(["cause, fitted alone", "change"], rows)])
         else:

@@ -43,7 +43,7 @@ class Cause:
     rest: float
 
     @property
-    def said(self) -> str:
+    def change_text(self) -> str:
         """The change in words: `0.103 mm and 0.0120 deg`, `0.0502 ± 0.0030 deg`."""
         if len(self.change) == 0:
             return "no single cause"
@@ -88,7 +88,7 @@ class DriftCheck:
     def named(self) -> str:
         """The likely causes in words, and whether they explain the whole difference."""
         likely = self.causes[: self.likely]
-        text = " or ".join(f"{cause.name} ({cause.said})" for cause in likely)
+        text = " or ".join(f"{cause.name} ({cause.change_text})" for cause in likely)
         if max(cause.rest for cause in likely) >= self.false_alarm:
             verb = "the likely cause is" if self.likely == 1 else "likely causes are"
             return f"{verb} {text}"

@@ -51,13 +51,13 @@ def poses_to_write(
     there are none.
     """
     model = model or calibration.robot.mechanism
-    left = np.zeros(len(q), dtype=bool)
+    worse = np.zeros(len(q), dtype=bool)
     if model is not calibration.robot.mechanism:
         solved = np.flatnonzero(np.isfinite(q_m).all(axis=-1))
         rows = [k for k in solved.tolist() if T_base_tool[k] is not None]
         T = np.array([T_base_tool[k] for k in rows]).reshape(-1, 4, 4)
-        left[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
-    return model.forward(np.nan_to_num(q_m)), left
+        worse[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
+    return model.forward(np.nan_to_num(q_m)), worse
 
 
 def worse_than_untouched(

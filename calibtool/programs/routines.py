@@ -86,7 +86,7 @@ class Routines:
         else:
             for name in self._recursive:
                 unsettled = frozenset(
-                    [Unknown(f"is assigned by {_said(name)}, which calls itself")]
+                    [Unknown(f"is assigned by {_plain(name)}, which calls itself")]
                 )
                 self.summaries[name].after |= dict.fromkeys(self.variables.assigned, unsettled)
         end: State = {}
@@ -124,7 +124,7 @@ class Routines:
                         waiting.add(following)
         if states[-1] is None and routine.name in self._recursive:
             line = self._recursive[routine.name]
-            self.remark(line, _said(routine.name), "calls itself without end", routine, bad=True)
+            self.remark(line, _plain(routine.name), "calls itself without end", routine, bad=True)
         summary.after = states[-1] or {}
         return summary
 
@@ -235,7 +235,7 @@ class Routines:
         self.remarks.setdefault((line, f"{routine.source} {name} {why}"), remark)
 
 
-def _said(name: str) -> str:
+def _plain(name: str) -> str:
     """The name of a routine in messages, without its module and text."""
     return name.rpartition("|")[2]
 

@@ -74,11 +74,11 @@ _TOML = re.compile(
 _MACRO = re.compile(r"\$\{|\$\(")
 
 
-def told(data: bytes, path: Path) -> tuple[Kind, str]:
+def recognise(data: bytes, path: Path) -> tuple[Kind, str]:
     """The kind of a file with these bytes, and its text; InputError where it is no robot."""
     place = str(path)
     if is_xml(data):
-        return _told_xml(decoded_xml(data, place), place)
+        return _recognise_xml(decoded_xml(data, place), place)
     for mark, what in _BYTES:
         if data.startswith(mark):
             raise InputError(f"{place}: {what}; {ACCEPTED}")
@@ -110,7 +110,7 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
     raise InputError(f"{place}: {what}; {ACCEPTED}")
 
 
-def _told_xml(text: str, place: str) -> tuple[Kind, str]:
+def _recognise_xml(text: str, place: str) -> tuple[Kind, str]:
     root = parse_xml(text, place, "URDF")
     if root.tag == "mujoco":
         return "mjcf", text

@@ -141,15 +141,15 @@ def read_dh(table: DhText) -> DhTable:
                 "order, before them a row 'base' and behind them a row 'tool' if there are any"
             )
     kinds = _one_of(table, "type", ("revolute", "prismatic"), first, last)
-    said = set(_one_of(table, "convention", DH_CONVENTIONS, 0, count))
-    if len(said) > 1:
+    conventions = set(_one_of(table, "convention", DH_CONVENTIONS, 0, count))
+    if len(conventions) > 1:
         raise InputError(f"{table.name}: the column 'convention' holds both of them; expected one")
     return DhTable(
         rows[first:last],
         rows[:first],
         rows[last:],
         [kind == "prismatic" for kind in kinds] or None,
-        cast("DhConvention | None", next(iter(said), None)),
+        cast("DhConvention | None", next(iter(conventions), None)),
         _limits(table, [kind == "prismatic" for kind in kinds], first, last),
     )
 

@@ -38,9 +38,10 @@ class Placement(_Strict):
 
 class Kinematics(_Strict):
     """Source of the kinematics: one of `urdf` (a path beside robot.toml, of any description that
-    `contents.told` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`, rows
-    of a table in a convention), and `nominal`, a UR arm of the catalogue, with the `calibration` of
-    one arm: the calibration.conf of its controller, or the calibration.yaml of the driver.
+    `contents.recognise` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`,
+    rows of a table in a convention), and `nominal`, a UR arm of the catalogue, with the
+    `calibration` of one arm: the calibration.conf of its controller, or the calibration.yaml of the
+    driver.
     """
 
     urdf: str | None = None

@@ -10,7 +10,7 @@ from calibtool.evaluation.metrics import pose_statistics
 from calibtool.evaluation.observed import noise_of_errors
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
-from calibtool.evaluation.wording import brought, words
+from calibtool.evaluation.wording import outcome_sentence, words
 from calibtool.identification.sufficiency import few_rows
 from calibtool.measurement.checks import design_findings
 from calibtool.robot.se3 import Array
@@ -58,7 +58,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
     lowered = change.after_value < change.before_value
     alone = len(found) == 1
     called = "the calibration" if alone else best.name
-    outcome = brought(subject.evaluated, called, change.before, change.after)
+    outcome = outcome_sentence(subject.evaluated, called, change.before, change.after)
     outcome = outcome[0].upper() + outcome[1:] if alone else outcome
     if not lowered:
         outcome = (

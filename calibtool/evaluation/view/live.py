@@ -48,7 +48,7 @@ def serving(
     chosen = server.gui.add_slider("configuration", 1, max(len(scene), 2), 1, 1)
     factor = server.gui.add_number("errors ×", magnify, min=0.0)
     everywhere = server.gui.add_checkbox("all configurations", True)
-    told = server.gui.add_markdown("")
+    description = server.gui.add_markdown("")
 
     def draw(_: Any = None) -> None:
         now = min(int(chosen.value), len(scene)) - 1
@@ -61,7 +61,7 @@ def serving(
             np.arange(len(scene)) != now if everywhere.value else np.zeros(len(scene), dtype=bool)
         )
         _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
-        told.content = (
+        description.content = (
             f"**{scene.error_rms[now] * 1e3:.3f} mm** off here, "
             f"{np.median(scene.error_rms) * 1e3:.3f} mm "
             f"in the median; blue: nominal, orange: {scene.meaning}"

@@ -27,10 +27,10 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
     few = measurements.rows(spread_rows(len(measurements), _MOST_ROWS))
     if (poses := _camera_poses(few)) is None:
         return []
-    carried = not isinstance(few.setup.kind, CornersFromBeside)
+    on_tool = not isinstance(few.setup.kind, CornersFromBeside)
 
     def rms(seen: Array, scale: float = 1.0) -> float:
-        points = (inverse(seen) if carried else seen)[:, None, :3, 3]
+        points = (inverse(seen) if on_tool else seen)[:, None, :3, 3]
         return nominal_fit(_as_points(few, scale * points), free=False).rms
 
     before = rms(poses)

@@ -22,13 +22,13 @@ class Groups:
 
     def finding(self, before: float) -> Finding:
         """Which rows belong together."""
-        told = [
+        groups = [
             f"{start + 1}-{end} ({size * 1e3:.3g} mm)"
             for (start, end), size in zip(self.borders, self.sizes, strict=True)
         ]
         message = (
             f"the nominal robot fits all points to {before * 1e3:.3g} mm rms, but groups of rows "
-            f"much better: {', '.join(told)}; the instrument or its target was moved in between; "
+            f"much better: {', '.join(groups)}; the instrument or its target was moved in between; "
             "name the groups in a column station"
         )
         numbers: Numbers = {

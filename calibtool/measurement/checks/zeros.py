@@ -35,10 +35,10 @@ class Zeros:
         units = [("mm", 1e3) if p else ("deg", 180.0 / np.pi) for p in robot.prismatic]
         size = self.offsets * [factor for _, factor in units]
         joints = np.flatnonzero(np.abs(self.offsets) > 1e-9).tolist()
-        told = [f"{abs(size[j]):.4g} {units[j][0]} off (add {size[j]:+.4g})" for j in joints]
+        corrections = [f"{abs(size[j]):.4g} {units[j][0]} off (add {size[j]:+.4g})" for j in joints]
         text = ", ".join(
             f"the zero position of joint {j + 1} is {what}"
-            for j, what in zip(joints, told, strict=True)
+            for j, what in zip(joints, corrections, strict=True)
         )
         message = (
             f"the nominal robot fits the points to {before * 1e3:.3g} mm rms, but to "

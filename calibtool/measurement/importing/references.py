@@ -17,7 +17,7 @@ from calibtool.robot.se3 import Array, readonly
 from calibtool.units import count_of
 
 
-def brought_back(
+def undo_instrument_motion(
     imported: Imported, file: tuple[bytes | str, str] | None = None, stated: Stated = Stated()
 ) -> tuple[Imported, list[str], bool]:
     """The rows as if all were measured when the references were first read, notes, and whether rows
@@ -64,7 +64,7 @@ def brought_back(
     points, rotations = measurements.points.copy(), measurements.rotations
     rotations = None if rotations is None else rotations.copy()
     fixed = None if auxiliary.reference_points is None else auxiliary.reference_points.copy()
-    told, moved = [], False
+    notes, moved = [], False
     for number in np.unique(place):
         rows = np.flatnonzero(place == number)
         of = nearest == number
@@ -75,7 +75,7 @@ def brought_back(
             measurements.noise_position,
         )
         label = f"{measurements.places[number]}: " if measurements.places else ""
-        told.append(f"{label}{text}")
+        notes.append(f"{label}{text}")
         if motion is None:
             continue
         moved = True
@@ -91,7 +91,7 @@ def brought_back(
         rotations=None if rotations is None else readonly(rotations),
     )
     beside = replace(auxiliary, reference_points=fixed)
-    return imported._replace(measurements=back, auxiliary=beside), told, moved
+    return imported._replace(measurements=back, auxiliary=beside), notes, moved
 
 
 def _motion(

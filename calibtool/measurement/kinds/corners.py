@@ -51,8 +51,8 @@ class Corners(Kind):
     given: ClassVar = tuple(_LENS_ARRAYS)
     on_tool: ClassVar[str]  # array of what the tool carries, T_tool_…
     in_cell: ClassVar[str]  # array of what stands in the cell, T_base_…
-    carried: ClassVar[str]  # names of the two in parameters
-    standing: ClassVar[str]
+    moving_name: ClassVar[str]  # names of the two in parameters
+    fixed_name: ClassVar[str]
 
     def coordinates(self, setup: Setup) -> int:
         return 2 * len(array_of(setup, "corners"))
@@ -60,8 +60,8 @@ class Corners(Kind):
     def names(self, setup: Setup) -> tuple[str, ...]:
         places = range(1, len(array_of(setup, self.in_cell)) + 1)
         return (
-            *(f"{self.carried}.{c}" for c in COMPONENTS),
-            *(f"{self.standing}{g}.{c}" for g in places for c in COMPONENTS),
+            *(f"{self.moving_name}.{c}" for c in COMPONENTS),
+            *(f"{self.fixed_name}{g}.{c}" for g in places for c in COMPONENTS),
             *(f"lens.{c}" for c in LENS),
         )
 
@@ -74,7 +74,7 @@ class Corners(Kind):
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         camera, _, corners = self._in_camera(setup, T_base_tool, place)
-        sign = -1.0 if self.carried == "camera" else 1.0
+        sign = -1.0 if self.moving_name == "camera" else 1.0
         found: Array = sign * self._by_twist(setup, corners) @ adjoint(inverse(camera))
         return found
 
@@ -84,10 +84,10 @@ class Corners(Kind):
         of = {"camera": -by_twist, "board": by_twist @ adjoint(inverse(camera) @ board)}
         own = places_of(place, len(corners))
         places = range(len(array_of(setup, self.in_cell)))
-        standing = [of[self.standing] * (own == g)[:, None, None] for g in places]
+        fixed = [of[self.fixed_name] * (own == g)[:, None, None] for g in places]
         lens = by_lens(corners, array_of(setup, "intrinsics")) * _scale(setup)
         return np.concatenate(
-            [of[self.carried], *standing, lens.reshape(len(corners), -1, len(LENS))], axis=-1
+            [of[self.moving_name], *fixed, lens.reshape(len(corners), -1, len(LENS))], axis=-1
         )
 
     def moved(self, setup: Setup, step: Array) -> Setup:
@@ -125,20 +125,20 @@ class Corners(Kind):
         across = np.zeros_like(corners)
         across[..., :2] = np.nan_to_num(residual) / intrinsics[:2] * corners[..., 2:]
         found: Array = across @ np.swapaxes(camera[:, :3, :3], -1, -2)
-        return found if self.standing == "camera" else -found
+        return found if self.fixed_name == "camera" else -found
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
         """The object on the tool, seen from the object in the cell: origin and tips of the axes."""
         seen = self.poses(readings, setup)
-        if self.standing == "board":
+        if self.fixed_name == "board":
             seen = inverse(seen)
         return _tripod(seen, arm), _tripod(array_of(setup, self.on_tool)[None], arm)[0]
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
-        carried = np.eye(4)
-        carried[:3, :3] = nearest_rotation((targets[1:] - targets[:1]).T)
-        carried[:3, 3] = targets[0]
-        placed = self._placed(setup, carried, inverse(setup.frames))
+        on_tool = np.eye(4)
+        on_tool[:3, :3] = nearest_rotation((targets[1:] - targets[:1]).T)
+        on_tool[:3, 3] = targets[0]
+        placed = self._placed(setup, on_tool, inverse(setup.frames))
         return replace(placed, T_instrument_base=readonly(np.eye(4)), further_frames=None)
 
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
@@ -174,9 +174,9 @@ class Corners(Kind):
         self, setup: Setup, T_base_tool: Array, place: np.ndarray | None
     ) -> tuple[Array, Array, Array]:
         """T_base_camera and T_base_board (N, 4, 4), and the corners in the camera (N, m, 3)."""
-        carried = T_base_tool @ array_of(setup, self.on_tool)
-        standing = of_place(array_of(setup, self.in_cell), place, len(T_base_tool))
-        camera, board = (carried, standing) if self.carried == "camera" else (standing, carried)
+        moving = T_base_tool @ array_of(setup, self.on_tool)
+        fixed = of_place(array_of(setup, self.in_cell), place, len(T_base_tool))
+        camera, board = (moving, fixed) if self.moving_name == "camera" else (fixed, moving)
         return camera, board, transform_points(inverse(camera) @ board, array_of(setup, "corners"))
 
     def _by_twist(self, setup: Setup, corners: Array) -> Array:
@@ -191,7 +191,7 @@ class CornersFromTool(Corners):
     """A camera on the tool and boards in the cell."""
 
     id, words = "corners", "corners of a board in images of a camera on the tool"
-    on_tool, in_cell, carried, standing = "T_tool_camera", "T_base_boards", "camera", "board"
+    on_tool, in_cell, moving_name, fixed_name = "T_tool_camera", "T_base_boards", "camera", "board"
     arrays: ClassVar = {
         "T_tool_camera": ((4, 4), "m", "pose of the camera on the tool"),
         "T_base_boards": ((-1, 4, 4), "m", "poses of the boards in K_0"),
@@ -203,7 +203,7 @@ class CornersFromBeside(Corners):
     """Cameras beside the arm, in several places, and a board on the tool."""
 
     id, words = "corners-beside", "corners of a board on the tool in images"
-    on_tool, in_cell, carried, standing = "T_tool_board", "T_base_cameras", "board", "camera"
+    on_tool, in_cell, moving_name, fixed_name = "T_tool_board", "T_base_cameras", "board", "camera"
     arrays: ClassVar = {
         "T_tool_board": ((4, 4), "m", "pose of the board on the tool"),
         "T_base_cameras": ((-1, 4, 4), "m", "poses of the cameras in K_0"),

@@ -68,9 +68,13 @@ class SeenFromArm(Kind):
         for i in range(m):
             targets[:, i, :, i] = turned
         moving = -self._by_twist(setup, T_base_tool, place)
-        carried = inverse(array_of(setup, "T_base_base2")) @ sensor
+        in_base2 = inverse(array_of(setup, "T_base_base2")) @ sensor
         return np.concatenate(
-            [targets.reshape(count, 3 * m, 3 * m), moving, moving @ adjoint(inverse(carried))],
+            [
+                targets.reshape(count, 3 * m, 3 * m),
+                moving,
+                moving @ adjoint(inverse(in_base2)),
+            ],
             axis=-1,
         )
 
