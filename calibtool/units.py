@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from calibtool.errors import InputError
 
 TO_SI = {"m": 1.0, "mm": 1e-3, "in": 0.0254, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
-LARGEST = 1e15  # what is larger is neither measured nor commanded; its square would overflow
+LARGEST = 1e15  # larger numbers are neither measured nor commanded; their squares would overflow
 LENGTHS = ("m", "mm")
 ANGLES = ("rad", "deg")
 

@@ -11,7 +11,7 @@ from calibtool.identification.report import parameter_rows, strongest_correlatio
 from calibtool.measurement.checks import design_findings
 from calibtool.units import count_of
 
-_CORRELATED = 0.9  # pairs of parameters above it are listed
+_CORRELATED = 0.9  # pairs of parameters with a larger correlation are listed
 
 
 def fit_summary(calibration: Calibration) -> str:

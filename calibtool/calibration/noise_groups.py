@@ -12,10 +12,11 @@ from calibtool.measurement.observation import observation_matrix, residuals, wei
 from calibtool.robot.se3 import Array
 
 _RARE = 1e-3  # probability below which a difference is not chance
-_CLEAR = 1.3  # times the others' noise: less is no matter, and may be the fit's own share
-_FEWEST = 15  # rows; fewer do not tell how far a ratio is off
-_FLOOR = 1e-3  # of the mean variance
-_SEPARATE = 0.05  # of the largest eigenvalue of what shows the variances of groups: less hides one
+_CLEAR = 1.3  # times the others' noise: a smaller ratio does not matter, and may come from the fit
+_FEWEST = 15  # number of rows; fewer do not show how uncertain a ratio is
+_FLOOR = 1e-3  # of the mean variance: smallest variance of a group
+# of the largest eigenvalue of the shares: below it, the variance of a group cannot be separated
+_SEPARATE = 0.05
 # times the stated noise is left: the model describes the rows; no difference is the noise's
 _AS_STATED, _DESCRIBED = 1.5, 3.0
 

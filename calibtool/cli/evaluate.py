@@ -12,7 +12,7 @@ from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.units import count_of, three_digits
 
-_POSES = 8  # of ISO 9283 in a table for people
+_POSES = 8  # number of poses of ISO 9283 in the printed table
 _STATISTICS = ("mean", "rms", "95 % below", "max", "change of max")
 
 

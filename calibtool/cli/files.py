@@ -15,7 +15,7 @@ from calibtool.errors import InputError, UsageError, printable
 from calibtool.unfinished_files import held
 
 STREAM = "-"
-_WIDTH = 80  # columns if their number is unknown
+_WIDTH = 80  # characters in a line of the terminal, if unknown
 HDF5 = (".h5", ".hdf5")
 # Suffixes that promise a format: an output of another one is refused.
 _FORMATS = {

@@ -15,7 +15,7 @@ from calibtool.cli.options import choice
 from calibtool.errors import CalibtoolError, UsageError
 
 _SAMPLE = "sample"
-_TRIES = 3  # at a question, until the session ends
+_TRIES = 3  # number of wrong answers to a question after which the session ends
 _CORRECT = "Correct the header or give a column map (docs/file-formats.md), then begin again."
 
 

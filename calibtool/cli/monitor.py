@@ -11,7 +11,7 @@ from calibtool.cli.printing import print_json, print_tables
 from calibtool.errors import AcceptanceError, UsageError
 from calibtool.units import count_of, three_digits
 
-_SHOWN = 4  # causes in the table
+_SHOWN = 4  # number of causes in the table
 
 
 def monitor(

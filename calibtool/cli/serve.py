@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 ROWS = ("ndjson", "binary")
 LOOPBACK = "127.0.0.1"
-_LONGEST = 100_000  # bytes of a line
-_WARM = 20  # corrections before the first row, so that everything is loaded
+_LONGEST = 100_000  # bytes that a line may have
+_WARM = 20  # number of corrections before the first row, so that everything is loaded
 
 
 def serve(

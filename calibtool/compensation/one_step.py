@@ -14,7 +14,7 @@ from calibtool.errors import UsageError
 from calibtool.robot.se3 import Array, exp6, pose_difference
 from calibtool.robot.singularity import weighted_jacobian
 
-REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
+REACHED = 1e-9  # rad, or characteristic lengths: a smaller error counts as none
 _USUAL = 3.0  # times the median remaining error: rows with more are not fully corrected
 _COST_OF_TASK = 0.75  # largest share of the gain of the whole pose error that the task may cost
 

@@ -25,7 +25,7 @@ RowKind = Literal["ndjson", "binary"]
 NOT_FINITE = "not-finite"
 # Statuses of a binary row: its last number is the index in this list.
 STATUSES = (OK, NOT_FINITE, *MEANING)
-_LARGEST = 1e6  # rad or m: beyond it a position is nonsense
+_LARGEST = 1e6  # rad or m: larger positions get the status `not-finite`
 
 
 class Live:

@@ -6,10 +6,11 @@ from calibtool.robot.se3 import Array
 from calibtool.robot.singularity import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE, rows_last
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
-_PASSES = 3  # times that a joint outside the box is held at its face and the others solved again
+# Number of times that a joint outside the box is held at its face and the others solved again
+_PASSES = 3
 _FEW = 1e-6  # λ² where fewer than six joints are free and G is singular
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
-_TOGETHER = 1024  # rows: their matrices stay in the processor's cache
+_TOGETHER = 1024  # number of rows whose matrices stay in the processor's cache
 
 
 def bounded_step(

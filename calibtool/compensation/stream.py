@@ -41,7 +41,7 @@ from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
-_ALONE = 16  # batches before other processes help: starting them takes as long as these
+_ALONE = 16  # number of batches before other processes help: starting them takes as long as these
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17

@@ -26,7 +26,7 @@ from calibtool.robot.universal_robots import SECTION, changes_model, frames_mode
 PLAUSIBLE_PART = 0.01  # of the sum of link lengths
 PLAUSIBLE_TURN = 30e-3  # rad
 _CONFIGURATIONS = 500
-_LARGEST = 100_000  # characters of a calibration or table
+_LARGEST = 100_000  # number of characters that a calibration or table may have
 _CONF = re.compile(rf"^[ \t]*(?:\[{SECTION}\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
 _YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 

@@ -21,7 +21,7 @@ from calibtool.robot.screw_joint import across
 from calibtool.robot.se3 import Array, readonly
 
 _SAMPLES = 500
-_LOADED = 1e-6  # of the largest moment of any joint: less is rounding
+_LOADED = 1e-6  # of the largest moment of any joint: smaller moments are rounding
 
 
 class Bending(Family):

@@ -6,10 +6,10 @@ from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
-FINE_ORDERS = (8, 16, 32, 64, 128)  # up to which fine structure goes, octave by octave
-_SECTIONS = 16  # more than a joint has
-_GEAR = 2  # harmonics of a simulated gear
+LOW_ORDERS = 3  # number of harmonics that eccentric gears cause
+FINE_ORDERS = (8, 16, 32, 64, 128)  # orders at which each octave of the fine structure ends
+_SECTIONS = 16  # more sections than a joint has
+_GEAR = 2  # number of harmonics of a simulated gear
 
 
 class Harmonics(JointFunctions):

@@ -15,7 +15,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.singularity import at_point
 
-_FULL = 10.0  # kg at which sizes and tolerances are stated
+_FULL = 10.0  # kg: the mass for which sizes and tolerances are stated
 # A joint counts as loaded when its moment reaches this part of the largest joint's
 _CARRIES_LOAD = 0.02
 _SAMPLES = 500

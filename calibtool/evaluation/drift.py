@@ -18,7 +18,7 @@ from calibtool.units import three_digits
 _CAUTION = 2.0
 _ANYWHERE = 1.0  # m and rad: standard deviation of a base of which nothing is known
 _MOVED = 2e-4  # m, rad: expected size of a shift and a turn of base or tool
-_SLIP = 1e-3  # rad or m: the same of a joint
+_SLIP = 1e-3  # rad or m: expected size of a slip of a joint
 _ALIKE = 3.0  # causes with a smaller difference of evidence (a factor of 20) count as equally good
 
 

@@ -24,8 +24,10 @@ from calibtool.robot.se3 import Array, pose_difference, pose_distances, transfor
 Before = Literal["measured", "expected"]
 
 _SAME_COMMAND = 1e-5  # m and rad: joints are written with four decimals of a degree
-_PLAUSIBLE = 0.5  # of the largest correction: driven joints farther from the calibration's own
-_SMALLEST = 3.0  # times the stated noise: smaller differences are accepted
+# of the largest correction: farther from the calibration's own joints, driven joints are not
+# plausible
+_PLAUSIBLE = 0.5
+_SMALLEST = 3.0  # times the stated noise: differences below this are accepted
 _LISTED = 5
 
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from calibtool.robot.se3 import Array, exp6, point_columns, readonly
 
-_MOST_KNOTS = 100  # more readings are averaged, neighbours first
+_MOST_KNOTS = 100  # with more readings than this, neighbouring ones are averaged
 # of twice a log-likelihood ratio, by how many parts more: 1 in 1,000 of χ²
 _CLEAR = (0.0, 10.8, 13.8)
-_STATED = 4.0  # the stated noise counts as one found from so many readings
+_STATED = 4.0  # the stated noise counts like one that was estimated from this number of readings
 _ROUNDS = 10
-_GROSS = 8.0  # times the noise, away from the median of five successive readings
+_GROSS = 8.0  # times the noise: largest distance from the median of five successive readings
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,13 @@ from calibtool.measurement.rotation_search import RotationForm, nearest_rotation
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
-_MINIMA = 4  # refined, of those that the rotation search finds
+_MINIMA = 4  # number of minima of the rotation search that are refined
 _ITERATIONS = 200
-_ON_TOOL = 1.0  # m: as far from the tool frame may targets be that the rows hardly tell
+# m: assumed distance of targets from the tool frame where the rows hardly determine them
+_ON_TOOL = 1.0
 _WEAK = 0.1  # m: a target that the rows determine less surely than that is hardly determined
 _SETTLED = 1e-6  # of the squares: a prior settles weak targets to a hundredth of their deviation
-_NO_GAIN = 1e-4  # of the squares: what creeps on by less, along directions that only noise shows
+_NO_GAIN = 1e-4  # of the squares: steps that gain less follow directions that only noise determines
 
 
 def register(

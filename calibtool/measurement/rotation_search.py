@@ -8,8 +8,8 @@ from calibtool.robot.se3 import Array, skew
 
 _ITERATIONS = 60
 _LONGEST = 0.5  # rad: longest step
-_SETTLED = 1e-11  # rad
-_SAME = 1e-6  # minima whose elements differ by less are one
+_SETTLED = 1e-11  # rad: a smaller step ends the iteration
+_SAME = 1e-6  # minima whose elements differ by less are the same
 
 # ∂vec(exp([w]×) C)/∂w_i = vec(G_i C) at w = 0, vec row by row
 _GENERATORS = skew(np.eye(3))

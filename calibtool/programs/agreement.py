@@ -8,8 +8,8 @@ from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
 AS_FRAME = "a frame or tool of others"
-_ROUNDING = 1e-9  # m: frames that are computed in two ways are the same
-_LINES = 5  # lines named in one reason
+_ROUNDING = 1e-9  # m: frames that differ by less are the same, computed in two ways
+_LINES = 5  # number of lines named in one reason
 
 
 @dataclass(frozen=True, eq=False, slots=True)

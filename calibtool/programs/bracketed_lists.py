@@ -9,7 +9,7 @@ from functools import lru_cache
 _OPEN, _CLOSE = "([{", ")]}"
 _BRACKET = re.compile(r"[(\[{)\]}]")
 _COMMA_OR_BRACKET = re.compile(r"[,(\[{)\]}]")
-_DEEPEST = 5  # lists in lists; a position takes two, an array of them three
+_DEEPEST = 5  # levels of nested lists; a position takes two, an array of positions three
 
 
 @dataclass(frozen=True)

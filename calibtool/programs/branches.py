@@ -14,11 +14,11 @@ from calibtool.robot.reach import excluded
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-_NEAR = 8  # starts near the pose, on the branch that is asked for
-_RANDOM = 96  # random starts that find the branches of a pose where those do not
+_NEAR = 8  # number of starts near the pose, on the required branch
+_RANDOM = 96  # number of random starts, used where those near the pose do not find the branches
 _ROWS = 4096  # poses that are solved at once
 _TOGETHER = 128  # poses that get several starts at once
-_SAME = 1e-6  # rad or m: nearer joint positions are one answer
+_SAME = 1e-6  # rad or m: joint positions that differ by less are one answer
 
 
 @dataclass(frozen=True, eq=False)

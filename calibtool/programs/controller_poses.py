@@ -10,7 +10,7 @@ from calibtool.robot.inverse import solve_poses
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, pose_difference
 
-_NEARER = 1e-9  # m: by less the untouched pose is not better
+_NEARER = 1e-9  # m: the untouched pose must be nearer by more than this to count as better
 
 
 def check_controller_known(

@@ -30,9 +30,9 @@ from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
-_KINDS = 4  # of errors, told in one message
-_TOGETHER = 4096  # rows that are corrected at once
-_AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
+_KINDS = 4  # number of kinds of errors named in one message
+_TOGETHER = 4096  # number of rows that are corrected at once
+_AGREE = 1e-7  # rad or m: results for several branches may differ by this much
 
 
 @dataclass(frozen=True)

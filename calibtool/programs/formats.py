@@ -37,7 +37,7 @@ class Language(Protocol):
 _LANGUAGES: tuple[Language, ...] = (fanuc, kuka, abb, ur, ros2)
 _MODULES = {module.NAME: module for module in _LANGUAGES}
 PROGRAM_FORMATS = tuple(_MODULES)
-_HEAD = 65536  # characters that tell a format
+_HEAD = 65536  # number of characters from which the format is recognised
 
 
 def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:

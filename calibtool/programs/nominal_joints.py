@@ -14,7 +14,7 @@ from calibtool.programs.motions import JOINT, Program
 from calibtool.programs.sequential_poses import follow_forest, forest
 from calibtool.robot.se3 import Array, inverse
 
-_SAME = 1e-6  # rad or m: nearer joint positions are one answer
+_SAME = 1e-6  # rad or m: joint positions that differ by less are one answer
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from calibtool.programs.numbers import Remark
 from calibtool.programs.values import Atom, Atoms, joined
 from calibtool.programs.variables import NOWHERE, ROBOT_AT, State, Variables
 
-ROUNDS = 4  # until what is kept, or left by recursion, has settled
+# Number of passes in which the effects of recursive routines must settle; else they are unknown
+ROUNDS = 4
 
 
 @dataclass(slots=True, eq=False)

@@ -50,7 +50,7 @@ _PLAIN: dict[str, tuple[Step, ...]] = {
     "ENDFOR": (End(),), "END": (Return(),), "ENDE": (Return(),), "ABORT": (Return(),),
 }  # fmt: skip
 _FOR = re.compile(r"FOR\b", re.IGNORECASE)
-_LISTED = 5  # lines in a note
+_LISTED = 5  # number of lines named in a note
 
 
 class Instructions:

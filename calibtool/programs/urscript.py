@@ -36,7 +36,7 @@ _END = re.compile(r"\bend\b[^\S\n\r]*+$")
 CALL = re.compile(r"\b([A-Za-z_]\w*)\s*+(?=\()")
 MOTION_CALL = re.compile(rf"\b(?:{'|'.join(MOTIONS)})\s*\(")
 MOVED_TO = re.compile(rf"{MOTION_CALL.pattern}\s*(?:\w+\s*=\s*)?(\w+)\s*[,)]")
-_LONGEST = 200  # characters of a constant expression
+_LONGEST = 200  # characters that a constant expression may have
 
 
 @dataclass(frozen=True, slots=True)

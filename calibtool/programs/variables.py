@@ -8,10 +8,11 @@ from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, V
 from calibtool.programs.values import MANY, Atoms, ValueAnalysis, joined
 
 ROBOT_AT = ""  # the variable that holds the uses at which the robot may be
-NOWHERE = -1  # among them: or at an unknown place
-BEFORE = 8  # uses from which the branch of a position is looked for
-_POSITIONS = 1000  # literals that a variable can hold: more are as good as unknown
-_WORK = 5_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
+NOWHERE = -1  # among these uses: the robot may also be at an unknown place
+BEFORE = 8  # number of earlier uses among which the branch of a position is looked for
+_POSITIONS = 1000  # a variable that can hold more literals than this counts as unknown
+# Above this number of blocks times variables, a variable holds all its values everywhere
+_WORK = 5_000_000
 _EMPTY: Atoms = frozenset([Unknown("a variable that no file gives a value")])
 
 State = dict[str, Atoms]

@@ -17,8 +17,8 @@ _STEPS = 60
 # Largest |r| (rad, or lengths) of a closed configuration: equations that say the same twice
 # contradict each other by the rounding of a CAD program's numbers.
 _CLOSED = 1e-5
-_AT_LIMIT = 1e-6  # rad or m: what a position is rounded to
-_STARTS = 100  # of the search for a closed configuration
+_AT_LIMIT = 1e-6  # rad or m: rounding of a written position
+_STARTS = 100  # number of starts of the search for a closed configuration
 _HELD = 0.02  # smallest singular value of C_p, of the largest, at a configuration that is chosen
 
 

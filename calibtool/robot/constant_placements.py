@@ -11,8 +11,8 @@ from calibtool.robot.se3 import Array, translation
 if TYPE_CHECKING:
     from calibtool.robot.robot import Robot
 
-_MOST = 0.75  # of its length: a chain that is not shorter keeps its frames
-_STROKE = 1e3  # m: no limit of a slide; the controller's limits are the nominal robot's
+_MOST = 0.75  # of its length: a chain that is not shortened to this part keeps its frames
+_STROKE = 1e3  # m: stands for no limit of a slide; the limits are those of the nominal robot
 
 
 class Step(NamedTuple):

@@ -55,9 +55,8 @@ class Kinematics(_Strict):
     tool_frame: str  # of numbers and calibrations: tool0 unless named
     locked_joints: dict[str, Number] = {}  # rad or m
     loops: list[LoopTable] = []
-    actuated: list[str] | None = (
-        None  # joints with a motor, in their order; with loops or mimic joints
-    )
+    # Joints with a motor, in their order; with loops or mimic joints.
+    actuated: list[str] | None = None
     closed_at: dict[str, Number] = {}  # rad or m: a closed configuration, the assembly mode
     length: Annotated[Number, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
 
@@ -191,9 +190,8 @@ class Description(_Strict):
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
     mounting: Mounting = Mounting()
-    external: dict[
-        ExternalName, JointName
-    ] = {}  # external axes of programs that are joints of this chain
+    # External axes of programs that are joints of this chain.
+    external: dict[ExternalName, JointName] = {}
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
     controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 

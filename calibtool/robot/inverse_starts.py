@@ -10,7 +10,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _COUNT = 2048
-_SEED = 0x57A127  # no stream that anybody else draws joint positions from
+_SEED = 0x57A127  # of a random stream that is used for nothing else
 _TOGETHER = 256  # poses: their distances to all starts stay in the processor's cache
 
 

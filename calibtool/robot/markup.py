@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from calibtool.errors import InputError
 
-_DEEPEST = 200  # elements in one another
+_DEEPEST = 200  # levels of nested elements
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _MARKS = (

@@ -16,7 +16,7 @@ from calibtool.robot.urdf_text import Converted
 
 _IS = re.compile(r"^closed_loop[ \t]*:", re.MULTILINE)
 _URDF = "robot.urdf"
-_LARGEST = 1_000_000  # characters
+_LARGEST = 1_000_000  # number of characters that a file may have
 _JOINED = {"3d": "spherical", "6d": "weld"}
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 

@@ -9,7 +9,7 @@ import numpy as np
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, readonly
 
-_ROUNDING = 1e-9  # m and rad
+_ROUNDING = 1e-9  # m and rad: room for rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ _CUT = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismati
     "ball": "spherical",
     "fixed": "weld",
 }
-_MOST = 200  # frames that stand on one another
+_MOST = 200  # number of frames that may stand on one another
 
 
 class _Joint(NamedTuple):

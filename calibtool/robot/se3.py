@@ -201,7 +201,7 @@ def left_jacobian(twists: Array, q: Array) -> Array:
     return result
 
 
-_TERMS = 14  # 0.5^14 / 15! is below the last digit
+_TERMS = 14  # of the series: 0.5^14 / 15! is below the last digit
 
 
 def _closed_factors(t: Array) -> Array:

@@ -38,8 +38,8 @@ _PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
 _BASE = re.compile(r"\b(?:base|mobile|world|odom|virtual|theta|yaw|footprint)\b")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_ARM = 4  # joints that must stand behind a slide without limits: else it is no base, but asked for
-_MANY = 2  # arm joints behind a link: it is no tool
+_ARM = 4  # joints that must follow a slide without limits for it to be part of a moving base
+_MANY = 2  # a link with this number of arm joints behind it, or more, is no tool
 
 
 @dataclass(frozen=True)

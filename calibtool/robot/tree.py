@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 from calibtool.errors import InputError
 from calibtool.robot.markup import parse_xml
 
-SINGLE = ("revolute", "continuous", "prismatic")  # kinds of one degree of freedom
+SINGLE = ("revolute", "continuous", "prismatic")  # kinds of joints with one degree of freedom
 MOST_LINKS, DEEPEST = 2000, 500  # Pinocchio goes down the tree call by call: 10,000 crash it
-UNBOUNDED = 1e3  # rad or m: larger limits are written where there are none
+UNBOUNDED = 1e3  # rad or m: larger limits mean that there is no limit
 _OF_JOINTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
 

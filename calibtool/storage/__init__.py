@@ -32,7 +32,7 @@ _WORDS = {
     STUDY: "the table of a study",
 }
 SCHEMA_VERSION = 1
-_LOOK = 1000  # bytes that tell text from other data
+_LOOK = 1000  # number of bytes by which text is distinguished from other data
 
 T = TypeVar("T")
 Builders = Mapping[str, Callable[[h5py.File], T]]

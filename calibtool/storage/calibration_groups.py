@@ -44,9 +44,10 @@ from calibtool.storage.stored_numbers import (
 )
 from calibtool.storage.texts import choice, put_string, put_text, string, texts
 
-_SCALES = ("input_scale", "output_scale")  # inputs are divided by them, outputs made of them
+# Inputs are divided by the first, outputs multiplied by the second
+_SCALES = ("input_scale", "output_scale")
 
-_HELD_OUT = "held_out_rms_"  # and the name of a model
+_HELD_OUT = "held_out_rms_"  # followed by the name of a model
 
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:

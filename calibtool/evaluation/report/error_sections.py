@@ -12,7 +12,7 @@ from calibtool.evaluation.report.content import Drawing, PageSection, PageTable,
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements
 
-_WORST = 5  # configurations listed per calibration
+_WORST = 5  # number of configurations listed per calibration
 
 
 def errors_section(subject: Subject, judged: Measurements) -> PageSection:

@@ -26,7 +26,8 @@ _VARIABLES = {
 }
 
 _COORDINATES = re.compile(r' (d|x|y|transform)="[^"]*"')
-_DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
+# Digits after the second decimal are removed: a hundredth of a point is enough
+_DIGITS = re.compile(r"(\.\d\d)\d+")
 
 
 @dataclass(frozen=True)

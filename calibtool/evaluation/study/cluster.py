@@ -16,8 +16,8 @@ from calibtool.evaluation.study.study_table import Row
 if TYPE_CHECKING:
     from distributed import Client
 
-REACH_SECONDS = 4  # a scheduler answers at once or not at all
-WORKER_SECONDS = 5  # without a worker, until it is said
+REACH_SECONDS = 4  # time in which a scheduler must answer
+WORKER_SECONDS = 5  # time without a worker after which the user is told
 
 
 def on_cluster(

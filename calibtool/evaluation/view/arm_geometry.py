@@ -21,7 +21,7 @@ from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_
 from calibtool.robot.z_axes import turn_z_to
 
 _LINK, _JOINT = np.array([0.62, 0.64, 0.67, 1.0]), np.array([0.35, 0.37, 0.4, 1.0])
-_THIN = 1e-9  # m: shorter links have no length
+_THIN = 1e-9  # m: shorter links count as having no length
 
 
 def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:

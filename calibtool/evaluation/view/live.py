@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _HOST = "127.0.0.1"
 _NOMINAL, _FOUND = (0, 114, 178), (213, 94, 0)
-_SMALL = 1e-3  # m: no scene is drawn smaller
+_SMALL = 1e-3  # m: smallest size in which a scene is drawn
 
 
 @contextlib.contextmanager

@@ -12,11 +12,11 @@ from calibtool.measurement.observation import observation_matrix
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.se3 import readonly
 
-_WIDEST = 0.5  # s
+_WIDEST = 0.5  # s: largest offset that is looked for
 _STEPS = 51
 _ROUNDS = 6
 _CLEAR = 5.0  # standard errors at which an offset is named
-_SMALL = 0.1e-3  # s: less is of no account
+_SMALL = 0.1e-3  # s: smaller offsets do not matter
 
 
 @dataclass(frozen=True)

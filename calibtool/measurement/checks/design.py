@@ -10,10 +10,10 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
 MOVES = 1e-3  # rad or m: a joint that moves less stands still
-REPEATS = 1e-3  # rad or m: configurations nearer than this are the same one, driven to again
+REPEATS = 1e-3  # rad or m: configurations that differ by less are the same one, driven to again
 _FLAT = 0.01  # extent across the plane over the largest one along it
-_TURNS = 0.05  # rad: a tool that turns less about an axis keeps its orientation about it
-_ALONE = 0.8  # part of the rows in which at most one joint has left its usual position
+_TURNS = 0.05  # rad: a tool that turns less about an axis has a constant orientation about it
+_ALONE = 0.8  # part of the rows in which at most one joint is away from its usual position
 
 
 def design_findings(robot: Robot, q: Array) -> list[Finding]:

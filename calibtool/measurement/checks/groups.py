@@ -8,8 +8,8 @@ from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.measurements import Measurements
 
-_MOST = 8  # groups
-_REFINED = 6  # rows on either side of a border among which it is sought
+_MOST = 8  # number of groups
+_REFINED = 6  # number of rows on either side of a border among which it is looked for
 
 
 @dataclass(frozen=True, eq=False)

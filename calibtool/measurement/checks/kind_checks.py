@@ -13,8 +13,8 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import transform_points
 
-_SUSPICIOUS = 5e-3  # of the length of the arm: more, and mistakes are looked for
-_GROSS = 3e-2  # of the length of the arm
+_SUSPICIOUS = 5e-3  # of the length of the arm: with a larger residual, mistakes are looked for
+_GROSS = 3e-2  # of the length of the arm: a larger residual is a warning
 _LINE = 0.02  # extent across a line over that along it
 
 

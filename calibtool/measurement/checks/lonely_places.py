@@ -9,7 +9,7 @@ from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.measurements import Measurements
 from calibtool.units import count_of
 
-_OWN = "(?:base|board|plane|sphere|camera)"  # names of what there is once for each place
+_OWN = "(?:base|board|plane|sphere|camera)"  # names of what each place has one of
 
 
 def lonely_places(measurements: Measurements) -> list[Finding]:

@@ -15,9 +15,9 @@ from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array, readonly, transform_points
 from calibtool.units import count_of
 
-_LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
+_LOUD = 3.0  # times the stated noise: largest scatter of repeated configurations
 _RARE = 1e-3  # probability below which a trend is not chance
-_MOST_ROWS = 1000  # enough for a trend
+_MOST_ROWS = 1000  # number of rows that is enough for a trend
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 

@@ -17,18 +17,15 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
 
-# of the length, and m: no arm is built so badly that its drawing misses by more
-_SUSPICIOUS, _AT_LEAST = (
-    1.5e-2,
-    5e-3,
-)
-_GROSS = 3e-2  # the same, when nothing that was tried explains it
+# Of the length, and m: no arm differs from its drawing by more
+_SUSPICIOUS, _AT_LEAST = 1.5e-2, 5e-3
+_GROSS = 3e-2  # of the length: the same limit where no tried mistake explains the residual
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
-_FAR = 4.0  # times the median: rows tried without
-_ALIKE = 1.5  # explanations nearer to each other than this are named together
-_OF_SPREAD = 0.1  # of the spread of the points: what an explanation must leave less than
-_FEWER = 10.0  # the same for explanations with more unknowns
-_MOST_ROWS = 150  # enough to tell one explanation from another
+_FAR = 4.0  # times the median: rows with a larger residual are left out in one trial
+_ALIKE = 1.5  # explanations whose residuals differ by a smaller factor are named together
+_OF_SPREAD = 0.1  # of the spread of the points: an explanation must leave a smaller residual
+_FEWER = 10.0  # how much better explanations with more unknowns must explain the data
+_MOST_ROWS = 150  # number of rows that is enough to distinguish the explanations
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:

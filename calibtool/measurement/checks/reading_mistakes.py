@@ -14,7 +14,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array, readonly
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
-_GOOD = 1e-2  # of the length of the arm: what the nominal robot leaves without the mistake
+_GOOD = 1e-2  # of the length of the arm: largest residual of the nominal robot without the mistake
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 

@@ -10,9 +10,9 @@ from calibtool.measurement.checks.finding import Finding, Numbers, listed, sever
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
-_STEP = 50.0  # squared standard errors of a change of the mean distances, all pairs together
+_STEP = 50.0  # squared standard errors of a change of the mean distances, summed over all pairs
 _OUTLIER = 8.0  # standard deviations of a distance from that of the rows around it
-_FLOOR = 1e-6  # m: smallest standard deviation of a distance; exact data have rounding errors only
+_FLOOR = 1e-6  # m: smallest standard deviation of a distance, for exact data
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array
 
-_FREE = 0.1  # m and rad: what a set-up that is not known may be off by
-_ORDERS = {"harmonics": 2}  # of families that have several
+_FREE = 0.1  # m and rad: assumed error of a set-up that is not known
+_ORDERS = {"harmonics": 2}  # of the families that have several
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, readonly
 
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])
-_SMALLEST = np.deg2rad(0.3)  # and 3 mm: less is no mistake
+_SMALLEST = np.deg2rad(0.3)  # rad, or 5.2 mm for a slide: smaller offsets are no mistake
 _ROUND, _ALIKE = np.deg2rad(15.0), 1.5
-_FEW_ROWS = 30  # on which offsets all round are tried
+_FEW_ROWS = 30  # number of rows on which offsets all round the circle are tried
 _ITERATIONS = 30
 
 

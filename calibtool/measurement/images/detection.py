@@ -14,7 +14,7 @@ from calibtool.measurement.images.opencv import opencv
 from calibtool.robot.se3 import Array
 
 _CLEAR, _WINDOWS = 2.0, (2, 12)  # px between a window and a marker, half width of the window
-_LEAST = 6  # corners that tell a pose with some redundancy
+_LEAST = 6  # number of corners that determine a pose with some redundancy
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from calibtool.robot.description import Point
 from calibtool.robot.orientation import numbers_in
 from calibtool.robot.toml_text import parse_toml, read_model
 
-POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
+POSITION_NOISE = 0.05e-3  # m: stated for an instrument whose noise is not given
 
 LengthUnit = Literal["mm", "m", "in"]
 AngleUnit = Literal["deg", "rad"]

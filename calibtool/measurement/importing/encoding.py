@@ -18,7 +18,7 @@ _EIGHT_BIT = (
     "mac_roman",
 )
 _SIGN = re.compile(r"(?<![^\W\d_])[°µ²³](?=[^\wà-ÿ]|[cCFKmM]?\b|$)")
-_BEGINNING = 4000  # bytes, in which zeros tell UTF-16 without a mark
+_BEGINNING = 4000  # number of bytes in which zeros show UTF-16 without a mark
 
 
 def decoded(data: bytes, name: str, encoding: str | None = None) -> tuple[str, str | None]:

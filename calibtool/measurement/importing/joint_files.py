@@ -16,8 +16,8 @@ from calibtool.tables import Table
 
 Join = Literal["index", "name", "time"]
 JOINS: tuple[str, ...] = get_args(Join)
-JOIN_TOLERANCE = 0.1  # s
-_MOST_RANGES = 20  # of lines in a message
+JOIN_TOLERANCE = 0.1  # s between the stamps of two rows that belong together
+_MOST_RANGES = 20  # number of ranges of lines in a message
 
 
 def join_rows(

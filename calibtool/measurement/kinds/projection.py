@@ -14,8 +14,8 @@ from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_NEAREST = 1e-6  # m in front of the camera: nothing behind it is seen
-_ROUNDS = 20  # of the inversion of the distortion
+_NEAREST = 1e-6  # m in front of the camera: nearer points are not seen
+_ROUNDS = 20  # number of iterations of the inversion of the distortion
 
 
 def project(points: Array, intrinsics: Array) -> Array:

@@ -14,7 +14,7 @@ from calibtool.robot.se3 import Array, readonly, skew, transform_points
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
 
-_REFINED = 3  # of the starts
+_REFINED = 3  # number of starts that are refined
 
 
 class SphereProbe(ToolPoint):
