@@ -18,7 +18,8 @@ from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
 from calibtool.robot.mjcf import read_mjcf
 from calibtool.robot.parallel_yaml import is_parallel, read_parallel
 from calibtool.robot.sdf import read_sdf
-from calibtool.robot.ur_frames import FRAMES, ur_frames
+from calibtool.robot.universal_robots import is_changes
+from calibtool.robot.ur_frames import FRAMES, is_frames, ur_frames
 from calibtool.robot.urdf_text import Converted
 from calibtool.robot.xacro_expansion import expanded_xacro
 
@@ -66,8 +67,6 @@ _XML = {
     "Robot": "a robot of OpenRAVE; convert it to a URDF",
     "model": "the manifest of a Gazebo model",
 }
-_CONF = re.compile(r"^[ \t]*(?:\[mounting\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
-_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 _TOML = re.compile(
     r"^[ \t]*(?:\[[ \t]*(?:kinematics|targets|limits)[ \t.\]]|(?:name|title)[ \t]*=)", re.MULTILINE
 )
@@ -96,13 +95,13 @@ def recognise(data: bytes, path: Path) -> tuple[Kind, str]:
         raise InputError(f"{place}: cannot be read, the file is empty; {ACCEPTED}")
     if is_dh(text):
         return "dh", text
-    if _CONF.search(text):
+    if is_changes(text):
         return "ur-conf", text
     if is_machine_data(text):
         return "kuka-machine", text
     if is_parallel(text):
         return "parallel", text
-    if _YAML.search(text):
+    if is_frames(text):
         return "ur-yaml", text
     if _TOML.search(text):
         return "toml", text

@@ -12,7 +12,7 @@ from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 _MOST_TURN = 20.0  # rad: limits of three turns and more are taken for degrees
 _LONGEST = 50.0  # m: a longer link or slide is taken for millimetres
 _FARTHEST_REACH = 20.0  # m: largest length of all links together without slides
-_NEAREST = 1e-3  # m: if the farthest target is nearer than this, mm were meant to be m
+_NEAREST = 1e-3  # m: if all targets are nearer than this, points_mm was written in m
 _FULL_TURN = 6.4  # rad: larger angles of a frame are taken for degrees
 _SHORTEST = 1e-3  # m: smallest length of all links together
 # kg of all links together over the cube of the arm's length in m: arms have 2 to 150

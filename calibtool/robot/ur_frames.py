@@ -1,6 +1,7 @@
 """The YAML in which the ROS driver of Universal Robots keeps an arm's factory calibration."""
 
 import math
+import re
 
 import yaml
 
@@ -10,6 +11,12 @@ from calibtool.units import number_in
 
 FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _POSITION, _ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+_START = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
+
+
+def is_frames(text: str) -> bool:
+    """Whether a text holds a key `kinematics`, as the YAML of the UR driver does."""
+    return _START.search(text) is not None
 
 
 def ur_frames(text: str, name: str) -> list[list[Step]]:
