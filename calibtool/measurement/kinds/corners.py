@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibtool.errormodel.family import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, array_of, of_place, places_of
+from calibtool.measurement.kinds.kind import (
+    Kind,
+    Readings,
+    array_of,
+    of_place,
+    places_of,
+    pose_of_tripod,
+    tripod,
+)
 from calibtool.measurement.kinds.projection import (
     LENS,
     by_lens,
@@ -23,7 +31,6 @@ from calibtool.measurement.kinds.projection import (
     stepped,
     undistorted,
 )
-from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import (
     Array,
     adjoint,
@@ -132,13 +139,10 @@ class Corners(Kind):
         seen = self.poses(readings, setup)
         if self.fixed_name == "board":
             seen = inverse(seen)
-        return _tripod(seen, arm), _tripod(array_of(setup, self.on_tool)[None], arm)[0]
+        return tripod(seen, arm), tripod(array_of(setup, self.on_tool)[None], arm)[0]
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
-        on_tool = np.eye(4)
-        on_tool[:3, :3] = nearest_rotation((targets[1:] - targets[:1]).T)
-        on_tool[:3, 3] = targets[0]
-        placed = self._placed(setup, on_tool, inverse(setup.frames))
+        placed = self._placed(setup, pose_of_tripod(targets), inverse(setup.frames))
         return replace(placed, T_instrument_base=readonly(np.eye(4)), further_frames=None)
 
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
@@ -213,9 +217,3 @@ class CornersFromBeside(Corners):
 
 def _scale(setup: Setup) -> float:
     return float(array_of(setup, "image_scale")[0])
-
-
-def _tripod(poses: Array, arm: float) -> Array:
-    """Origins of poses (N, 4, 4) and the tips of their axes: (N, 4, 3)."""
-    origin = poses[:, None, :3, 3]
-    return np.concatenate([origin, origin + arm * np.swapaxes(poses[:, :3, :3], -1, -2)], axis=1)

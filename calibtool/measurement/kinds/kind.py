@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from calibtool.robot.se3 import Array, inverse, readonly, transform_points
+from calibtool.measurement.rotation_search import nearest_rotation
+from calibtool.robot.se3 import Array, inverse, readonly, transform_points, translation
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -174,3 +175,16 @@ def array_of(setup: Setup, name: str) -> Array:
     """An array of the set-up that its kind has, by name."""
     found: Array = getattr(setup, name)
     return found
+
+
+def tripod(poses: Array, arm: float) -> Array:
+    """Origins of poses (N, 4, 4) and the points at `arm` (m) on their three axes: (N, 4, 3), m."""
+    origin = poses[:, None, :3, 3]
+    return np.concatenate([origin, origin + arm * np.swapaxes(poses[:, :3, :3], -1, -2)], axis=1)
+
+
+def pose_of_tripod(points: Array) -> Array:
+    """The pose (4, 4), m, whose `tripod` is nearest to points (4, 3), m; the first is its origin."""
+    pose = translation(points[0])
+    pose[:3, :3] = nearest_rotation((points[1:] - points[:1]).T)
+    return pose
