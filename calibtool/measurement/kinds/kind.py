@@ -184,7 +184,9 @@ def tripod(poses: Array, arm: float) -> Array:
 
 
 def pose_of_tripod(points: Array) -> Array:
-    """The pose (4, 4), m, whose `tripod` is nearest to points (4, 3), m; the first is its origin."""
+    """The pose (4, 4), m, with its origin at the first of points (4, 3), m, and axes nearest to
+    those of their `tripod`.
+    """
     pose = translation(points[0])
     pose[:3, :3] = nearest_rotation((points[1:] - points[:1]).T)
     return pose
