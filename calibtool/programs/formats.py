@@ -42,7 +42,8 @@ _HEAD = 65536  # number of characters from which the format is recognised
 
 def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of a program in the language called `name`."""
-    return _MODULES[name].program(sources, robot)
+    program: Program = _MODULES[name].program(sources, robot)
+    return program
 
 
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:

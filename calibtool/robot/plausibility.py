@@ -9,8 +9,8 @@ from calibtool.robot.markup import parse_xml
 from calibtool.robot.robot import Robot
 from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 
-_MOST_TURN = 20.0  # rad: limits of three turns and more are taken for degrees
-_LONGEST = 50.0  # m: a longer link or slide is taken for millimetres
+_MOST_TURN = 20.0  # rad: three turns and more are degrees
+_LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
 _FARTHEST_REACH = 20.0  # m: largest length of all links together without slides
 _NEAREST = 1e-3  # m: if all targets are nearer than this, points_mm was written in m
 _FULL_TURN = 6.4  # rad: larger angles of a frame are taken for degrees
