@@ -30,6 +30,7 @@ from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
+ON_ERROR = ("stop", "skip")
 _KINDS = 4  # number of kinds of errors named in one message
 _TOGETHER = 4096  # number of rows that are corrected at once
 _AGREE = 1e-7  # rad or m: results for several branches may differ by this much
