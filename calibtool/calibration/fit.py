@@ -159,7 +159,7 @@ def on_base(
 
 
 def _asked(base: Calibration) -> str:
-    """The base model that was asked for."""
+    """The base model that was requested."""
     return "complete" if base.base.held_out else base.base.model
 
 

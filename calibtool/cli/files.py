@@ -226,7 +226,7 @@ def output_stream(
         return
     with _reported(path):
         if _is_device(path):
-            # Never truncated, whatever is there now.
+            # Without truncation: by now the path may be a file, which keeps its contents.
             with os.fdopen(os.open(path, os.O_WRONLY), "wb") as stream:
                 yield _writer(stream, path)
         else:

@@ -45,7 +45,7 @@ class InstrumentOptions:
 
     @property
     def given(self) -> bool:
-        """Whether another instrument than a tracker of points is asked for."""
+        """Whether an instrument other than a tracker of points was chosen."""
         return self.observe != "points" or self.set_up is not None
 
     def rows(

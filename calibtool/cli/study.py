@@ -298,7 +298,7 @@ def _read_table(path: str) -> "StudyTable":
 
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:
-    """JSON on stdout, or medians and 5-95 % quantiles for people; failures are told either way."""
+    """JSON on stdout, or medians and 5-95 % quantiles for people; failures are always printed."""
     from calibtool.evaluation.study.statistics import study_summary
 
     summary = study_summary(table)

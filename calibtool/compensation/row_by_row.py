@@ -53,7 +53,7 @@ class Live:
     def corrected(self, q: Array) -> tuple[Array, str]:
         """Joint positions to command for q (n,), rad or m, and the status of the row.
 
-        Positions that are not finite, or beyond 1e6 rad or m, come back as they are.
+        Positions that are not finite, or beyond 1e6 rad or m, are returned unchanged.
         """
         if not (np.abs(q) < _LARGEST).all():
             return q, NOT_FINITE

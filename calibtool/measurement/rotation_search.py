@@ -51,7 +51,7 @@ class RotationForm:
         from scipy.spatial.transform import Rotation
 
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
-        # the last steps lower nothing that can be seen
+        # the last steps lower the sum by less than rounding
         rounding = 1e-13 * (np.abs(self.M).max() + np.abs(self.g).max())
         for _ in range(_ITERATIONS):
             step = self._newton_step(C) * reach[:, None]

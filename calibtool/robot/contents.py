@@ -26,7 +26,7 @@ from calibtool.robot.xacro_expansion import expanded_xacro
 Kind = Literal[
     "toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "ur-conf", "kuka-machine"
 ]
-# What nobody wrote a robot.toml for, in the line of what was assumed.
+# Descriptions without a robot.toml, as the message about assumptions names them.
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
     "xacro": "a bare xacro file",

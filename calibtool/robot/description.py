@@ -182,7 +182,7 @@ class Description(_Strict):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     title: str
     notes: list[str] = []
-    assumed: str | None = None  # where nobody wrote a robot.toml: what was taken to be so
+    assumed: str | None = None  # without a robot.toml: what was assumed
     kinematics: Kinematics
     limits: dict[str, tuple[Number, Number]] = {}  # by column name: j1_deg = [-180, 180]
     targets: Targets

@@ -85,7 +85,7 @@ def load_carrying(robot: Robot) -> np.ndarray:
 
 
 def turned_by_gravity(robot: Robot) -> np.ndarray:
-    """Revolute joints that gravity turns at all, whatever masses the description has: (n,) bool."""
+    """Revolute joints that gravity turns at all, independent of the masses: (n,) bool."""
     return _reaching(robot, _TURNS)
 
 

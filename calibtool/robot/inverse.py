@@ -13,7 +13,7 @@ from calibtool.robot.singularity import weighted_jacobian
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 
-# rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
+# rad (or characteristic lengths): over longer steps the Jacobian is not accurate
 _STEP_LIMIT = 0.6
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
@@ -230,7 +230,7 @@ def _bounded_step(
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
     """Least-squares step (N, n), of minimum norm for n > 6, damped by |error|² + caution."""
     transposed = np.swapaxes(jacobian, -1, -2)
-    # The last term keeps the matrix regular at a singularity: it must not drown in the rounding
+    # The last term keeps the matrix regular at a singularity: it must be larger than the rounding
     # of large entries.
     damping = (
         np.minimum((error**2).sum(-1), 1.0) * 0.03

@@ -53,7 +53,7 @@ def decoded_xml(data: bytes, name: str) -> str:
 
 
 def parse_xml(text: str, name: str, what: str, *, comments: bool = False) -> Element:
-    """The root of an XML text, whatever encoding it declares; `what` it is stands in messages.
+    """The root of an XML text, whatever encoding it declares; `what` names its kind in messages.
 
     InputError for a document type or entities, and with the line for what is no XML. Two hyphens
     inside of a comment are forgiven, as readers of URDFs do.

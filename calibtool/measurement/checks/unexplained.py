@@ -43,7 +43,7 @@ class Unexplained:
             blocks.append(family.columns(shape, context) * size)
         seen = measurements.seen.repeat(3, axis=-1)[..., None]
         tool, place = context.frames.tool, measurements.place
-        if not setup.frame_known:  # a registration takes up what it likes
+        if not setup.frame_known:  # the registration fits the frame freely
             blocks.append(np.broadcast_to(_FREE * np.eye(6), (len(tool), 6, 6)))
         columns = observation_matrix(setup, tool, place) @ np.concatenate(blocks, axis=-1)
         free = _FREE * target_columns(setup, tool, place)

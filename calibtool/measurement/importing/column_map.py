@@ -183,7 +183,7 @@ class ColumnMap(_Strict):
 
     @property
     def columns(self) -> set[str]:
-        """Every column that the map speaks for."""
+        """Every column that the map uses."""
         parts: list[list[str]] = [target.columns for target in self.targets]
         parts += [reference.measured for reference in self.references]
         parts += [part.columns for part in (self.joints, self.joints_read) if part]

@@ -11,7 +11,7 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-# Windows, DOS, old Macs; the first unless signs speak for another
+# Windows, DOS, old Macs; the first unless the contents fit another one better
 _EIGHT_BIT = (
     "cp1252",
     "cp850",

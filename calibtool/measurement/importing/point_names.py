@@ -97,7 +97,7 @@ def _who_axis(name: str) -> tuple[str, str] | None:
     if lower in _SURVEYED:
         return "coordinates", _SURVEYED[lower]
     match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
-    if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows
+    if match is None or re.search(r"[\[\](){}<>]", lower):  # an unknown unit
         return None
     who = match["who"].strip()
     return (
