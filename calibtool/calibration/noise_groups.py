@@ -17,8 +17,8 @@ _FEWEST = 15  # number of rows; fewer do not show how uncertain a ratio is
 _FLOOR = 1e-3  # of the mean variance: smallest variance of a group
 # of the largest eigenvalue of the shares: below it, the variance of a group cannot be separated
 _SEPARATE = 0.05
-# Residuals in multiples of the stated noise: below the first the model describes the rows; above
-# the second no difference of residuals is one of noise.
+# Rms of the residuals in multiples of the stated noise: up to the first, axes are compared by whole
+# residuals; from the second on, whole residuals show no difference of noise.
 _AS_STATED, _DESCRIBED = 1.5, 3.0
 
 Kind = Literal["target", "position axis", "orientation axis"]
