@@ -32,7 +32,7 @@ class NoiseGroup:
     rms         of the residuals, m or rad
     ratio       its noise over that of the others of its kind
     p           probability of such a ratio or a larger one by chance, for all groups together
-    told_apart  whether the noise could be separated from errors beyond the model
+    separated  whether the noise could be separated from errors beyond the model
     """
 
     kind: Kind
@@ -40,7 +40,7 @@ class NoiseGroup:
     rms: float
     ratio: float
     p: float
-    told_apart: bool
+    separated: bool
 
     @property
     def noisier(self) -> bool:
@@ -61,7 +61,7 @@ class NoiseGroup:
         return "mrad" if self.kind == "orientation axis" else "mm"
 
     def __str__(self) -> str:
-        doubt = "" if self.told_apart else ", or the model leaves more there"
+        doubt = "" if self.separated else ", or the model leaves more there"
         return (
             f"{self.called} is {self.ratio:.2g} times as noisy as the others "
             f"(p = {self.p:.1g}){doubt}"
@@ -136,13 +136,13 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
     found = []
     for each, group, names in kinds:
         *rigid, whole_shown = [_Shown.of(noise, Q, group, len(names)) for noise, Q in ways]
-        told_apart = any(way.separate for way in rigid) and (each == "target" or size > _AS_STATED)
-        ratios, sizes = (rigid[0] if told_apart else whole_shown).compared()
+        separated = any(way.separate for way in rigid) and (each == "target" or size > _AS_STATED)
+        ratios, sizes = (rigid[0] if separated else whole_shown).compared()
         for g, name in enumerate(names):
             rms = float(np.sqrt((plain[:, group == g] ** 2).mean()))
             p = min(1.0, tests * float(stdtr(len(rows) - 1, -sizes[g])))
-            p = p if told_apart or size < _DESCRIBED else 1.0
-            found.append(NoiseGroup(each, name, rms, float(ratios[g]), p, told_apart))
+            p = p if separated or size < _DESCRIBED else 1.0
+            found.append(NoiseGroup(each, name, rms, float(ratios[g]), p, separated))
     return found
 
 
