@@ -196,7 +196,7 @@ class _Readings:
         def likelihood(sizes: Array) -> float:
             if (np.abs(sizes) > 25).any():
                 return -np.inf
-            precision, half_log_det = self._prior(free, sizes)
+            precision, half_log_det = self._prior(sizes)
             L = np.linalg.cholesky(A + np.pad(precision, (0, len(A) - len(precision))))
             half = np.linalg.solve(L, b)
             rest = _STATED * self.noise**2 + max(power - float(half @ half), 0.0)
@@ -216,7 +216,7 @@ class _Readings:
         """Twists (K, 6), their covariance (K, 6, 6), and the noise, m."""
         count, chosen = len(self.points), _elements(free)
         twists, covariance = np.zeros((count, 6)), np.zeros((count, 6, 6))
-        precision, _ = self._prior(free, sizes)
+        precision, _ = self._prior(sizes)
         width = len(precision)
         for _ in range(_ROUNDS):
             A, b, power, rows = self._normal(free, twists)
@@ -260,7 +260,7 @@ class _Readings:
                 b[at] += B.T @ reading
         return A, b, power, 3 * int(seen.sum())
 
-    def _prior(self, free: tuple[int, ...], sizes: Array) -> tuple[Array, float]:
+    def _prior(self, sizes: Array) -> tuple[Array, float]:
         """Precision of the Brownian motions over the noise, and half the log of its determinant."""
         weights, count = np.exp(-2 * np.repeat(sizes, 3)), len(self.steps)
         differences = np.eye(count) - np.eye(count, k=-1)  # the first knot stands at zero

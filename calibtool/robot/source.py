@@ -92,9 +92,9 @@ def _calibrated(path: Path, kinematics: Kinematics, allowed: tuple[Path, ...]) -
     return calibrated_urdf(kind, text, str(file), load_robot(str(kinematics.nominal)))
 
 
-def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Source:
+def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: see `bare_source`."""
-    return bare_source(Converted(urdf_text), name, tool)
+    return bare_source(Converted(urdf_text), name)
 
 
 def bare_source(
