@@ -84,8 +84,7 @@ class GaussianProcess(Regressor):
         squares = np.zeros((len(self.points), len(q)))
         for own, there in zip(self.points.T, s, strict=True):
             squares += (own[:, None] - there) ** 2
-        result: Array = np.exp(-0.5 * squares)
-        return result
+        return np.exp(-0.5 * squares)
 
 
 def fit_gaussian_process(loss: Loss, output_scale: Array, points: int | None = None) -> BayesianRun:

@@ -273,8 +273,7 @@ class JointFunctions(Family):
         if not value.any():
             return 0.0
         if value.ndim == 1:
-            result: Array = value * self.functions(value.shape, rows)[..., 0]
-            return result
+            return value * self.functions(value.shape, rows)[..., 0]
         return np.asarray((self.functions(value.shape, rows) * value).sum(axis=-1))
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:

@@ -45,13 +45,11 @@ class Controller:
 
     def to_controller(self, q: Array) -> Array:
         """The controller's joint values for joint positions of the serial chain, (…, n) both."""
-        values: Array = q @ self._inverse.T
-        return values
+        return q @ self._inverse.T
 
     @cached_property
     def _inverse(self) -> Array:
-        result: Array = np.linalg.inv(self.coupling).astype(float)
-        return result
+        return np.linalg.inv(self.coupling).astype(float)
 
     @cached_property
     def start_branches(self) -> np.ndarray:

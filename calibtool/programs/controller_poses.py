@@ -78,8 +78,7 @@ def worse_than_untouched(
         _pose_error(calibration.forward(joints), T_base_tool, robot.length)
         for joints in (untouched.q, q_m)
     )
-    worse: np.ndarray = untouched.reached & (before < after - _NEARER)
-    return worse
+    return untouched.reached & (before < after - _NEARER)
 
 
 def _pose_error(pose: Array, commanded: Array, length: float) -> Array:

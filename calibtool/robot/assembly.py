@@ -67,8 +67,7 @@ def closed_configuration(
 
 def outside_limits(tree: Tree, theta: Array) -> np.ndarray:
     """Which joints are beyond their limits at θ (J,): (J,) bool."""
-    outside: np.ndarray = (theta < tree.lower - _AT_LIMIT) | (theta > tree.upper + _AT_LIMIT)
-    return outside
+    return (theta < tree.lower - _AT_LIMIT) | (theta > tree.upper + _AT_LIMIT)
 
 
 def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:

@@ -52,8 +52,7 @@ class Starts:
             best = np.argpartition(closeness, -count, axis=1)[:, -count:]
             order = np.take_along_axis(-closeness, best, axis=1).argsort(axis=1)
             found[rows] = np.take_along_axis(best, order, axis=1)
-        result: Array = self.q[found]
-        return result
+        return self.q[found]
 
 
 @lru_cache

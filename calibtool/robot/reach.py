@@ -123,5 +123,4 @@ def _polygon(sides: Array, slack: float) -> tuple[float, float]:
 
 
 def _outside(values: Array, bounds: tuple[float, float], slack: float) -> np.ndarray:
-    result: np.ndarray = (values < bounds[0] - slack) | (values > bounds[1] + slack)
-    return result
+    return (values < bounds[0] - slack) | (values > bounds[1] + slack)

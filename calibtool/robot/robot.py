@@ -268,13 +268,11 @@ class Robot:
 
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions (count, n) drawn evenly over the whole joint range, rad or m."""
-        q: Array = self.lower + (self.upper - self.lower) * rng.random((count, self.n))
-        return q
+        return self.lower + (self.upper - self.lower) * rng.random((count, self.n))
 
     def joints_within_limits(self, q: Array) -> np.ndarray:
         """Per joint of q (…, n): inside its limits; a rounding error of 1e-9 is allowed. bool"""
-        within: np.ndarray = (q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)
-        return within
+        return (q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)
 
     def within_limits(self, q: Array) -> np.ndarray:
         """Per row of q (N, n): all joints inside their limits, see `joints_within_limits`. (N,)

@@ -70,5 +70,4 @@ class Unexplained:
 
     def _weighted(self, series: Array) -> Array:
         """The inverse covariance times a series, up to the noise: (N d,)."""
-        result: Array = series - self.A @ (self.K @ (self.A.T @ series))
-        return result
+        return series - self.A @ (self.K @ (self.A.T @ series))

@@ -122,8 +122,7 @@ def _refined(image: Any, pixels: Array, board: BoardDescription) -> Array:
 def _mapped(H: Array, points: Array) -> Array:
     """Points (k, 2) by a homography (3, 3)."""
     mapped = np.concatenate([points, np.ones((len(points), 1))], axis=-1) @ H.T
-    found: Array = mapped[:, :2] / mapped[:, 2:]
-    return found
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def off_plane(pixels: Array, board: BoardDescription) -> float:

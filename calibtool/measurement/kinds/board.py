@@ -76,8 +76,7 @@ class BoardPose(Kind):
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)[:, :3]
         turns = (T_base_tool @ _camera(setup))[:, :3, :3]
-        found: Array = -(turns @ residual[..., None])[..., 0][:, None]
-        return found
+        return -(turns @ residual[..., None])[..., 0][:, None]
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
         """The camera's origin and the tips of its axes in the board's frame: four points."""
@@ -105,8 +104,7 @@ class BoardPose(Kind):
     def _board(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
         """Predicted poses of the rows' boards in the camera (N, 4, 4)."""
         boards = of_place(_boards(setup), place, len(T_base_tool))
-        found: Array = inverse(T_base_tool @ _camera(setup)) @ boards
-        return found
+        return inverse(T_base_tool @ _camera(setup)) @ boards
 
 
 def _camera(setup: Setup) -> Array:

@@ -76,14 +76,12 @@ class Corners(Kind):
         assert readings.values is not None
         _, _, corners = self._in_camera(setup, T_base_tool, readings.place)
         pixels = project(corners, array_of(setup, "intrinsics")).reshape(len(corners), -1)
-        residual: Array = np.nan_to_num((readings.values - pixels) * _scale(setup))
-        return residual
+        return np.nan_to_num((readings.values - pixels) * _scale(setup))
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         camera, _, corners = self._in_camera(setup, T_base_tool, place)
         sign = -1.0 if self.moving_name == "camera" else 1.0
-        found: Array = sign * self._by_twist(setup, corners) @ adjoint(inverse(camera))
-        return found
+        return sign * self._by_twist(setup, corners) @ adjoint(inverse(camera))
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         camera, board, corners = self._in_camera(setup, T_base_tool, place)
@@ -187,8 +185,7 @@ class Corners(Kind):
         """∂(observation)/∂(twist of the board in the camera's frame): (N, d, 6)."""
         by_point_of_camera = by_point(corners, array_of(setup, "intrinsics"))
         by_twist = by_point_of_camera @ point_columns(corners) * _scale(setup)
-        found: Array = by_twist.reshape(len(corners), -1, 6)
-        return found
+        return by_twist.reshape(len(corners), -1, 6)
 
 
 class CornersFromTool(Corners):

@@ -31,13 +31,11 @@ class Distances(ToolPoint):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, lengths, _ = _along(setup, T_base_tool)
-        residual: Array = np.nan_to_num(readings.values - lengths)
-        return residual
+        return np.nan_to_num(readings.values - lengths)
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, units = _along(setup, T_base_tool)
-        found: Array = units @ point_columns(points)
-        return found
+        return units @ point_columns(points)
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         _, _, units = _along(setup, T_base_tool)
@@ -57,8 +55,7 @@ class Distances(ToolPoint):
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)
-        found: Array = residual[..., None] * _along(setup, T_base_tool)[2]
-        return found
+        return residual[..., None] * _along(setup, T_base_tool)[2]
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point given, |p|² − l² = 2 p·a − |a|² is linear in a and |a|²."""

@@ -33,8 +33,7 @@ class Readings(NamedTuple):
     @property
     def seen(self) -> np.ndarray:
         """Which points were seen: (N, m) bool."""
-        seen: np.ndarray = ~np.isnan(self.points[..., 0])
-        return seen
+        return ~np.isnan(self.points[..., 0])
 
 
 class Kind(ABC):

@@ -52,13 +52,11 @@ class SeenFromArm(Kind):
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         seen = self._seen(setup, T_base_tool, readings.place)
-        residual: Array = np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
-        return residual
+        return np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         sensor = self._sensor(setup, place, len(T_base_tool))
-        found: Array = self._by_twist(setup, T_base_tool, place) @ adjoint(inverse(sensor))
-        return found
+        return self._by_twist(setup, T_base_tool, place) @ adjoint(inverse(sensor))
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         count, m = len(T_base_tool), len(setup.targets)
@@ -90,8 +88,7 @@ class SeenFromArm(Kind):
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool).reshape(len(T_base_tool), -1, 3)
         sensor = self._sensor(setup, readings.place, len(residual))
-        found: Array = residual @ np.swapaxes(sensor[:, :3, :3], -1, -2)
-        return found
+        return residual @ np.swapaxes(sensor[:, :3, :3], -1, -2)
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With B = T_base_base2⁻¹ and S = T_flange2_sensor the points z of the sensor fulfil
@@ -143,10 +140,7 @@ class SeenFromArm(Kind):
     def _sensor(self, setup: Setup, place: np.ndarray | None, count: int) -> Array:
         """Poses of the sensor in K_0 (N, 4, 4)."""
         flange = of_place(array_of(setup, "T_base2_flange2"), place, count)
-        found: Array = (
-            array_of(setup, "T_base_base2") @ flange @ array_of(setup, "T_flange2_sensor")
-        )
-        return found
+        return array_of(setup, "T_base_base2") @ flange @ array_of(setup, "T_flange2_sensor")
 
     def _seen(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
         """Predicted points (N, m, 3) in the sensor."""

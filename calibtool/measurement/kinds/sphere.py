@@ -38,8 +38,7 @@ class SphereProbe(ToolPoint):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, distance, _, radius = _seen(setup, T_base_tool, readings.place)
-        residual: Array = np.nan_to_num(readings.values - (distance - radius)[:, None])
-        return residual
+        return np.nan_to_num(readings.values - (distance - radius)[:, None])
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, away, _ = _seen(setup, T_base_tool, place)
@@ -65,8 +64,7 @@ class SphereProbe(ToolPoint):
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)
-        found: Array = residual[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
-        return found
+        return residual[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point t given, |p|² − l² = 2 p·c − (|c|² − r²) is linear in c and the
