@@ -80,7 +80,7 @@ class _Reader:
                 names.append((match.start(2), found))
             elif measured := _measured(code, match.start()):
                 why = f"was measured ({measured}), not asked for"
-                self._left(lines(match.start(2)), measured, why, number)
+                self._skip(lines(match.start(2)), measured, why, number)
             elif spans or alias:
                 points.append(
                     (match.start(2), spans, node["anchor"] or "", alias[1] if alias else "")
@@ -112,7 +112,7 @@ class _Reader:
             why = "external axes: not joints of the calibration"
             self.remarks.append(Remark(lines(names[0][0]), ", ".join(extra), why, source=number))
 
-    def _left(self, line: int, name: str, why: str, source: int) -> None:
+    def _skip(self, line: int, name: str, why: str, source: int) -> None:
         literal = Literal(JOINT, (), line, name, source=source, not_corrected=why)
         self.literals.append(literal)
 

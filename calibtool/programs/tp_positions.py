@@ -101,8 +101,10 @@ class Positions:
                 if group[1] != "1":
                     why = "another motion group: only group 1 is this robot"
                     kind = JOINT if any(key.startswith("J") for key in read.values) else POSE
-                    self._add(Literal(kind, (), self.lines(group.start()), f"{name} GP{group[1]}",
-                                      source=self.source, not_corrected=why))  # fmt: skip
+                    place, label = self.lines(group.start()), f"{name} GP{group[1]}"
+                    self._add(
+                        Literal(kind, (), place, label, source=self.source, not_corrected=why)
+                    )
                     continue
                 why = "is written more than once" if twice[number] > 1 else not_corrected(number)
                 literal = self._literal(read, name, why)

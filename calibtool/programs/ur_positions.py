@@ -161,17 +161,20 @@ class Positions:
         for found in _SHAPE.finditer(self.code):
             if found.start() not in self._taken:
                 before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
-                calls = CALL.findall(re.split(r"[\r\n]", before)[-1])
-                where = f"an argument of {calls[-1]}" if calls else "an expression"
-                why = f"{where}, which is no motion that is known"
-                line = self.lines(found.start())
+                before = re.split(r"[\r\n]", before)[-1]
+                name = next(reversed(CALL.findall(before)), "")
+                where = f"an argument of {name}" if name else "an expression"
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number,
-                            not_corrected=why,
-                        moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
+                        POSE,
+                        (),
+                        self.lines(found.start()),
+                        name,
+                        source=self.number,
+                        not_corrected=f"{where}, which is no motion that is known",
+                        moved_to=_is_place(before, aims),
                     )
-                )  # fmt: skip
+                )
 
 
 def _is_place(before: str, aims: Container[str]) -> bool:
