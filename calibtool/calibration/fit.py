@@ -124,7 +124,7 @@ def _candidates(
 
     One that learned nothing from all rows is no candidate beside another.
     """
-    kinds = options.resolved(_asked(identified)).candidates
+    kinds = options.resolved(_requested_model(identified)).candidates
     fitted = [on_base(measurements, identified, each, rng, progress) for each in kinds]
     return [fitted[0], *(each for each in fitted[1:] if each.networks)]
 
@@ -144,7 +144,7 @@ def on_base(
 ) -> Calibration:
     """Base model and networks from these rows, without deciding whether the networks are used."""
     calibration = base if isinstance(base, Calibration) else identify(measurements, base)
-    resolved = options.resolved(_asked(calibration)).candidates[0]
+    resolved = options.resolved(_requested_model(calibration)).candidates[0]
     networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,
@@ -158,7 +158,7 @@ def on_base(
     )
 
 
-def _asked(base: Calibration) -> str:
+def _requested_model(base: Calibration) -> str:
     """The base model that was requested."""
     return "complete" if base.base.held_out else base.base.model
 

@@ -215,7 +215,7 @@ def simulate(
         text = read_text(at)
         inputs["at"] = text.encode()
         q_at = read_configurations(text, shown(at), model, values)
-    asked = None
+    poses = None
     if commanded is not None and at is not None and q_at is not None:
         text = read_text(commanded)
         inputs["commanded"] = text.encode()
@@ -223,7 +223,7 @@ def simulate(
         if len(table) != len(q_at):
             counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
             raise InputError(f"{shown(commanded)}: {counts}")
-        asked = commanded_poses(table, model, values)
+        poses = commanded_poses(table, model, values)
     count = configurations if q_at is None else len(q_at)
     with working(f"simulating {count} configurations"):
         measurements = run(
@@ -244,7 +244,7 @@ def simulate(
                 gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
-    measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
+    measurements = replace(measurements, commanded=poses, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
     wrote(output, measurements_words(measurements))
 

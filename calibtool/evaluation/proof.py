@@ -150,9 +150,9 @@ def _check_driven(
     assert after.commanded is not None
     own = compensate_poses(calibration, after.commanded, after.q)
     judged = np.flatnonzero(np.isfinite(own.q).all(axis=-1))
-    asked = calibration.forward(own.q[judged])
+    predicted = calibration.forward(own.q[judged])
     driven = calibration.forward(after.q, after.conditions)[judged]
-    apart = _expected(name, driven, asked, setup).position_size
+    apart = _expected(name, driven, predicted, setup).position_size
     correction = float(uncorrected.position_size[judged].max(initial=0.0))
     far = apart > max(_PLAUSIBLE * correction, _SMALLEST * calibration.noise_position)
     if far.any():

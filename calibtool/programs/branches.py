@@ -117,14 +117,14 @@ def _solve(
     robot, count = controller.robot, len(near)
     first = search.newton(T_base_tool, np.clip(near, robot.lower, robot.upper))
     q, answered = nearest_turn(robot, first.q, near), first.reached.copy()
-    asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
+    required = np.array([configuration is not None for configuration in configurations], dtype=bool)
     obeyed = np.zeros(count, dtype=bool)
     possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
     if has_postures(robot):
-        rows = np.flatnonzero(asked & answered)
-        meant, turned = search.meant(rows, q[rows])
-        q[rows[meant]], obeyed[rows[meant]] = turned[meant], True
-        for seeds, which in ((search.near_starts, asked), (search.random, asked & strict)):
+        rows = np.flatnonzero(required & answered)
+        satisfied, turned = search.satisfied(rows, q[rows])
+        q[rows[satisfied]], obeyed[rows[satisfied]] = turned[satisfied], True
+        for seeds, which in ((search.near_starts, required), (search.random, required & strict)):
             for rows, starts in _few(np.flatnonzero(which & possible & ~obeyed), seeds):
                 found, answers = search.nearest(rows, starts)
                 q[rows[found]], obeyed[rows[found]] = answers[found], True
@@ -137,7 +137,7 @@ def _solve(
     why = [""] * count
     for k in np.flatnonzero(~answered).tolist():
         why[k] = f"the pose is unreachable ({first.position[k] * 1e3:.3g} mm are missing)"
-    for k in np.flatnonzero(answered & strict & asked & ~obeyed).tolist():
+    for k in np.flatnonzero(answered & strict & required & ~obeyed).tolist():
         why[k] = f"the pose cannot be reached with the configuration {_text(configurations[k])}"
         if not has_postures(robot):
             text = _text(configurations[k])
@@ -191,9 +191,10 @@ class _Search:
         choices = [Posture(*bits) for bits in product((False, True), repeat=3)]
         groups: dict[tuple[bool, ...], list[int]] = {}
         for k, row in enumerate(rows):
-            asked = self.configurations[row]
+            required = self.configurations[row]
             allowed = tuple(
-                asked is None or asked.branch(choice, self.controller.zero) for choice in choices
+                required is None or required.branch(choice, self.controller.zero)
+                for choice in choices
             )
             groups.setdefault(allowed, []).append(k)
         number = self.controller.start_branches @ np.array([4, 2, 1])
@@ -225,36 +226,36 @@ class _Search:
         distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
         answers = np.flatnonzero(distinct)
         owners = answers // tries
-        meant, turned = self.meant(rows[owners], solved.q[answers])
+        satisfied, turned = self.satisfied(rows[owners], solved.q[answers])
         found, best = np.zeros(count, dtype=bool), self.near[rows].copy()
         distance = np.full(count, np.inf)
-        for k, q in zip(owners[meant], turned[meant], strict=True):
+        for k, q in zip(owners[satisfied], turned[satisfied], strict=True):
             away = float(np.linalg.norm(q - self.near[rows[k]]))
             if away < distance[k] - _SAME:
                 found[k], best[k], distance[k] = True, q, away
         return found, best
 
-    def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
+    def satisfied(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
         """Which joints q (rows, n) are on the required branch, and the same in its turn."""
         robot = self.controller.robot
         turned = nearest_turn(robot, q, self.near[rows])
-        meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
-        if meant.all():
-            return meant, turned
+        satisfied = np.array([self.configurations[k] is None for k in rows], dtype=bool)
+        if satisfied.all():
+            return satisfied, turned
         q_controller = self.controller.to_controller(turned)[:, robot.arm]
         branches = postures(robot, q, self.controller.to_controller(q)).tolist()
-        for k in np.flatnonzero(~meant):
-            asked = self.configurations[rows[k]]
-            if asked is None or not asked.branch(Posture(*branches[k]), self.controller.zero):
+        for k in np.flatnonzero(~satisfied):
+            required = self.configurations[rows[k]]
+            if required is None or not required.branch(Posture(*branches[k]), self.controller.zero):
                 continue
-            if asked.turns(q_controller[k]):
-                meant[k] = True
+            if required.turns(q_controller[k]):
+                satisfied[k] = True
                 continue
             for answer in _turns(robot, turned[k]):
-                if asked.turns(self.controller.to_controller(answer)[robot.arm]):
-                    meant[k], turned[k] = True, answer
+                if required.turns(self.controller.to_controller(answer)[robot.arm]):
+                    satisfied[k], turned[k] = True, answer
                     break
-        return meant, turned
+        return satisfied, turned
 
 
 def _few(

@@ -111,19 +111,23 @@ class _Solving:
         return q
 
     def _answers(self, uses: np.ndarray, start: Array) -> Answers:
-        asked, strict = zip(*(self._asked(self.uses[k], self.sure[k]) for k in uses), strict=True)
+        configurations, strict = zip(
+            *(self._configuration(self.uses[k], self.sure[k]) for k in uses), strict=True
+        )
         start, external = start.copy(), []
         for row, use in enumerate(uses.tolist()):
             for joint, number in self.literals[self.uses[use].literal].external:
                 start[row, joint] = number.value
                 external.append((row, joint, number.value))
-        answers = solve(self.controller, self.T[self.place[uses]], start, asked, np.array(strict))
+        answers = solve(
+            self.controller, self.T[self.place[uses]], start, configurations, np.array(strict)
+        )
         for row, joint, value in external:
             if abs(answers.q[row, joint] - value) > _SAME:
                 answers.why[row] = f"the external axis at joint {joint + 1} is outside its limits"
         return answers
 
-    def _asked(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
+    def _configuration(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
         """The configuration data to use, and whether they decide; where the controller stays near
         the previous position, they only help.
         """

@@ -41,10 +41,12 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """Values of variables after a routine, and its calls with the values that these read."""
+    """Values of variables after a routine, names of the variables that it reads, and its calls with
+    the values that these read.
+    """
 
     after: State = field(default_factory=dict)
-    asked: set[str] = field(default_factory=set)
+    reads: set[str] = field(default_factory=set)
     calls: dict[int, tuple[str, State]] = field(default_factory=dict)
 
 
@@ -105,7 +107,7 @@ class Routines:
         def entry(name: str) -> Atoms:
             if root or (name not in self.variables.assigned and name != ROBOT_AT):
                 return self.variables.begin(name)
-            summary.asked.add(name)
+            summary.reads.add(name)
             return frozenset([Entry(name)])
 
         graph = self.graphs[routine.name]
@@ -179,14 +181,14 @@ class Routines:
             given = {
                 name: self.variables.evaluation.atoms(v, variable) for name, v in action.arguments
             }
-            asked = {name: given.get(name) or variable(name) for name in sorted(callee.asked)}
+            reads = {name: given.get(name) or variable(name) for name in sorted(callee.reads)}
             _, before = summary.calls.get(id(action), ("", {}))
             found = {
-                n: self.variables.joined(n, a, before.get(n, frozenset())) for n, a in asked.items()
+                n: self.variables.joined(n, a, before.get(n, frozenset())) for n, a in reads.items()
             }
             summary.calls[id(action)] = action.routine, found
             for name, atoms in callee.after.items():
-                state[name] = self.variables.evaluation.entered(atoms, asked.__getitem__)
+                state[name] = self.variables.evaluation.entered(atoms, reads.__getitem__)
         elif action.routine in self.routines:
             self._recursive.setdefault(routine.name, action.line)
             return False
