@@ -32,7 +32,7 @@ from exported import STATUS
 from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration, train
-from calibtool.compensation.weighted_error import Task, weighted_error
+from calibtool.compensation.weighted_error import Task
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.export.c_code import calibration_as_c
@@ -40,7 +40,7 @@ from calibtool.export.rendering import Precision
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
 
 LOOP = """
 #include "arm.h"
@@ -95,7 +95,7 @@ def sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
     """
     robot = calibration.robot
     aim = robot.mechanism.forward(commanded)
-    error = weighted_error(calibration.forward(q), aim, robot.length)
+    error = pose_difference(calibration.forward(q), aim, robot.length)
     task = Task.of(calibration.equivalent).of_error(error, aim)
     return np.array([np.linalg.norm(part, axis=1) for part in (error, task)])
 

@@ -25,7 +25,7 @@ from calibtool.compensation.jumps import CorrectionPath
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUT_OF_LIMITS, UNCORRECTED
-from calibtool.compensation.weighted_error import Task, weighted_error
+from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
@@ -33,7 +33,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
 
 Table = list[list[str]]  # a header and rows
 METHODS: tuple[Method, ...] = ("exact", "one-step")
@@ -73,7 +73,7 @@ def fresh(robot: Robot, count: int, seed: int = 7) -> Array:
 
 def errors(calibration: Calibration, q: Array, commanded: Array) -> tuple[Array, Array]:
     """Weighted pose errors at q: of the components that joints can correct, of all six. (N,)"""
-    error = weighted_error(calibration.forward(q), commanded, calibration.robot.length)
+    error = pose_difference(calibration.forward(q), commanded, calibration.robot.length)
     task = Task.of(calibration.equivalent).of_error(error, commanded)
     return np.linalg.norm(task, axis=-1), np.linalg.norm(error, axis=-1)
 

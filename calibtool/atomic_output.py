@@ -35,7 +35,7 @@ _UNKNOWN = {
     errno.ENOLCK,
     errno.ENOTTY,
 }
-# What is lost with each of them.
+# What is lost where one of them is missing.
 _LOSS = {
     "locks": "nobody tells what a killed process left behind",
     "permissions": "the file has those that the system gives it",
@@ -129,7 +129,7 @@ def staged(target: Path) -> Iterator[PartialFile]:
                 stack.enter_context(unfinished(temporary))
             stream = os.fdopen(descriptor, "wb")
             stack.callback(_close, stream)
-            lacking: list[str] = []  # without locks nobody removes anything either
+            lacking: list[str] = []  # without locks no process removes abandoned files
             if sys.platform != "win32":
                 attempt("locks", lacking, partial(fcntl.flock, descriptor, fcntl.LOCK_EX))
             # else taken for abandoned by another process, just before it was locked
@@ -162,7 +162,7 @@ def remove_abandoned(folder: Path, mark: str) -> None:
 def _remove_unlocked(path: str) -> None:
     descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        if sys.platform != "win32":  # without locks nobody knows whether its process has ended
+        if sys.platform != "win32":  # without locks it is unknown whether its process has ended
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.unlink(path)
     finally:

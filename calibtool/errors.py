@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from math import inf
 
-_BEGINNING = 2  # characters that tell a name by its beginning
+_BEGINNING = 2  # number of characters by which the beginning of a name is recognised
 
 
 def printable(text: str) -> str:

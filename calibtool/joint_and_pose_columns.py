@@ -61,7 +61,7 @@ def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
 
 
 def stated_values(table: Table, columns: Sequence[str]) -> JointValues | None:
-    """Whose joint values some columns hold by their names, `j3_controller_deg`; None: not said.
+    """Whose joint values some columns hold by their names, `j3_controller_deg`; None: not stated.
 
     Raises InputError where they say both.
     """

@@ -43,7 +43,7 @@ class Worker:
         self.ready = False
 
     def give(self, item: object) -> None:
-        """Send an item; that the process was killed a moment ago is told by the next reading."""
+        """Send an item. If the process was killed a moment ago, the next reading reports that."""
         with contextlib.suppress(OSError):
             self.connection.send(item)
 

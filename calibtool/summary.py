@@ -13,7 +13,10 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import coupling_text
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, log6
+from calibtool.robot.se3 import log6
+from calibtool.units import rounded
+
+_OF_PARAMETER = ("id", "name", "unit", "value", "std", "tolerance", "determined", "at_prior")
 
 
 def robot_entry(robot: Robot) -> dict[str, object]:
@@ -41,7 +44,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
                 "kind": "prismatic" if prismatic else "revolute",
                 f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
                 f"upper_{unit}": round(float(robot.upper[j]) * factor, 6),
-                "axis": [round(float(v), 9) + 0.0 for v in (twist[:3] if prismatic else twist[3:])],
+                "axis": rounded(twist[:3] if prismatic else twist[3:], 9),
             }
         )
     return {
@@ -52,8 +55,8 @@ def robot_summary(robot: Robot) -> dict[str, object]:
         "characteristic_length_m": round(robot.length, 6),
         "joint_table": joints,
         **({"joint_values": f"serial ({coupling_text(robot.coupling)})"} if robot.coupled else {}),
-        "targets_mm": [[round(float(v) * 1e3, 6) for v in point] for point in robot.targets],
-        "home_tool_position_mm": [round(float(v) * 1e3, 3) for v in home[:3, 3]],
+        "targets_mm": [rounded(point * 1e3) for point in robot.targets],
+        "home_tool_position_mm": rounded(home[:3, 3] * 1e3, 3),
         "workspace_table": {
             name: {"box_m": list(w.box_m), "cone_deg": w.cone_deg, "home": dict(w.home)}
             for name, w in description.workspaces.items()
@@ -164,19 +167,7 @@ def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[s
         "estimated_noise_mm": posterior.noise_factor * calibration.noise_position * 1e3,
         "log_evidence": posterior.log_evidence,
         "families": parameters.orders,
-        "parameter_table": [
-            {
-                "id": row.id,
-                "name": row.name,
-                "unit": row.unit,
-                "value": row.value,
-                "std": row.std,
-                "tolerance": row.tolerance,
-                "determined": row.determined,
-                "at_prior": row.at_prior,
-            }
-            for row in rows
-        ],
+        "parameter_table": [{key: getattr(row, key) for key in _OF_PARAMETER} for row in rows],
         "correlations": [
             {"parameters": [a, b], "correlation": value}
             for a, b, value in strongest_correlations(posterior)
@@ -214,11 +205,7 @@ def _setup_summary(setup: Setup) -> dict[str, object]:
     return {
         "frame": "known" if setup.frame_known else "estimated",
         "targets": "known" if setup.targets_known else "estimated",
-        "base_in_instrument_mm": _rounded(setup.T_instrument_base[:3, 3] * 1e3),
-        "base_in_instrument_rotation_vector_deg": _rounded(np.rad2deg(twist[3:])),
-        "targets_on_tool_mm": [_rounded(point * 1e3) for point in setup.targets],
+        "base_in_instrument_mm": rounded(setup.T_instrument_base[:3, 3] * 1e3),
+        "base_in_instrument_rotation_vector_deg": rounded(np.rad2deg(twist[3:])),
+        "targets_on_tool_mm": [rounded(point * 1e3) for point in setup.targets],
     }
-
-
-def _rounded(values: Array) -> list[float]:
-    return [round(float(v), 6) + 0.0 for v in values]

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.se3 import Array
-from calibtool.units import LARGEST
+from calibtool.units import LARGEST, number_in
 
 _DELIMITERS = ("\t", ";", ",")
 
@@ -176,12 +176,7 @@ class Table:
     ) -> InputError:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
-                try:
-                    # Python would read 1_0 as ten
-                    finite = "_" not in text and abs(float(point)) < LARGEST
-                except ValueError:
-                    finite = False
-                if not finite:
+                if np.isnan(number_in(point)):
                     holds = f"holds '{text}'" if text.strip() else "is empty"
                     return InputError(
                         f"{self.place(int(rows[row]))}: column '{column}' {holds}; "

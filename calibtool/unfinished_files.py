@@ -12,9 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _unfinished: set[str] = set()  # temporary files and folders, gone when the process is ended
-_held: list[
-    int
-] = []  # 0 for every block that must not be broken off, then the signals that arrived in it
+# 0 for every block that must not be interrupted, then the signals that arrived in it.
+_held: list[int] = []
 
 
 @contextlib.contextmanager

@@ -2,16 +2,26 @@
 
 import math
 import re
+from collections.abc import Iterable
 
 from calibtool.errors import InputError
 
 TO_SI = {"m": 1.0, "mm": 1e-3, "in": 0.0254, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
-LARGEST = 1e15  # what is larger is neither measured nor commanded; its square would overflow
+LARGEST = 1e15  # larger numbers are neither measured nor commanded; their squares would overflow
 LENGTHS = ("m", "mm")
 ANGLES = ("rad", "deg")
 
 _JOINT_COLUMN = re.compile(r"j([1-9]\d{0,5})_([a-z]+)")
 _STATED_COLUMN = re.compile(r"(j[1-9]\d{0,5})_(serial|controller)(_[a-z]+)")
+
+
+def number_in(text: str) -> float:
+    """The number that a text writes; NaN for anything else, and for LARGEST and more."""
+    try:
+        value = math.nan if "_" in text else float(text)  # Python would read 1_0 as ten
+    except ValueError:
+        return math.nan
+    return value if abs(value) < LARGEST else math.nan
 
 
 def joint_column(name: str) -> tuple[int, str] | None:
@@ -78,6 +88,11 @@ def three_digits(value: float) -> str:
         return "<0.0001" if value > 0 else ">-0.0001"
     decimals = 2 - math.floor(math.log10(float(f"{size:.2e}")))
     return f"{round(value, min(decimals, 4)):.{min(max(decimals, 0), 4)}f}"
+
+
+def rounded(values: Iterable[float], decimals: int = 6) -> list[float]:
+    """Numbers for JSON, without minus zero."""
+    return [round(float(value), decimals) + 0.0 for value in values]
 
 
 def minus(text: str) -> str:

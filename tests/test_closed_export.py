@@ -16,7 +16,7 @@ from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.exact import exact
-from calibtool.compensation.weighted_error import Task, weighted_error
+from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
@@ -31,7 +31,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
 from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.source import parse_source
 
@@ -136,7 +136,7 @@ def test_near_singularities_and_where_loops_do_not_close_joints_stay_as_commande
     rows = q[held]
     commanded, sizes = robot.mechanism.forward(rows), []
     for driven in (rows, rows + taught.network(rows)):
-        error = weighted_error(calibration.forward(driven), commanded, robot.length)
+        error = pose_difference(calibration.forward(driven), commanded, robot.length)
         sizes.append(np.linalg.norm(task.of_error(error, commanded), axis=-1))
     assert (sizes[1] < sizes[0]).all()
     block = FunctionBlock(calibration_as_structured_text(calibration, "robot"))

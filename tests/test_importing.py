@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError, NoSolutionError, UsageError
-from calibtool.measurement.importing import import_table, parse_column_map, select_rows
+from calibtool.measurement.importing import choose_rows, import_table, parse_column_map
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
@@ -495,22 +495,22 @@ def test_chosen_rows_and_the_rest_are_a_partition(
     first, last = min(first, last), max(first, last)
     if sample is not None:
         sample = min(sample, last - first + 1)
-    chosen, rest = select_rows(ALL, f"{first}:{last}", sample, seed)
-    taken = positions_of(chosen)
-    assert sorted(taken + positions_of(rest)) == list(range(N))
+    chosen, rest = choose_rows(N, f"{first}:{last}", sample, seed)
+    taken = positions_of(ALL.rows(chosen))
+    assert sorted(taken + positions_of(ALL.rows(rest))) == list(range(N))
     assert len(taken) == (last - first + 1 if sample is None else sample)
     assert set(taken) <= set(range(first - 1, last))
     assert taken == sorted(taken)
 
 
 def test_all_rows_are_chosen_by_default() -> None:
-    chosen, rest = select_rows(ALL, None, None, 0)
-    assert positions_of(chosen) == list(range(N))
+    chosen, rest = choose_rows(N, None, None, 0)
+    assert chosen.tolist() == list(range(N))
     assert len(rest) == 0
 
 
 def test_a_sample_depends_on_its_seed_only() -> None:
-    draws = [tuple(positions_of(select_rows(ALL, None, 5, seed)[0])) for seed in (0, 0, 1, 2, 3)]
+    draws = [tuple(choose_rows(N, None, 5, seed)[0]) for seed in (0, 0, 1, 2, 3)]
     assert draws[0] == draws[1]
     assert len(set(draws)) > 1
 
@@ -518,12 +518,12 @@ def test_a_sample_depends_on_its_seed_only() -> None:
 @pytest.mark.parametrize("rows", ["0:3", "3:2", f"1:{N + 1}", "1-3", "a:b", "", "1:", "-1:3"])
 def test_a_range_that_does_not_fit_is_wrong_usage(rows: str) -> None:
     with pytest.raises(UsageError, match=rf"--rows {rows}: expected A:B with 1 <= A <= B <= {N}"):
-        select_rows(ALL, rows, None, 0)
+        choose_rows(N, rows, None, 0)
 
 
 def test_a_sample_larger_than_the_rows_is_wrong_usage() -> None:
     with pytest.raises(UsageError, match="--sample 4: there are only 3 rows"):
-        select_rows(ALL, "1:3", 4, 0)
+        choose_rows(N, "1:3", 4, 0)
 
 
 # --- whose joint values ---------------------------------------------------------------------------

@@ -68,7 +68,7 @@ def test_a_target_that_is_three_times_as_noisy_is_named_with_its_ratio(count: in
     for seed in range(5):
         (group,) = noisier(points_measured(sigmas, seed, 120))
         assert (group.kind, group.name) == ("target", "2")
-        assert group.told_apart == (count > 2)
+        assert group.separated == (count > 2)
         assert str(group).startswith("target 2 is ")
         assert ("the model leaves more" in str(group)) == (count == 2)
         ratios.append(group.ratio)
@@ -91,7 +91,7 @@ def test_what_moves_the_whole_tool_is_no_noise_of_a_target() -> None:
         for group in noisier(points_measured(sigmas, 1, 150, unlike=0.5e-3))
         if group.kind == "target"
     )
-    assert (group.name, group.told_apart) == ("3", True)
+    assert (group.name, group.separated) == ("3", True)
 
 
 @pytest.mark.parametrize("axis", [0, 2])

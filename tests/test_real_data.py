@@ -12,7 +12,7 @@ from calibtool.calibration import train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.checks import check_measurements
-from calibtool.measurement.importing import import_table, parse_column_map, select_rows
+from calibtool.measurement.importing import choose_rows, import_table, parse_column_map
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.catalogue import load_robot, shipped
 
@@ -62,7 +62,8 @@ def test_the_uncalibrated_ur5_has_the_published_error() -> None:
 
 def test_a_ur5_trained_on_100_grid_poses_is_better_than_200_um_on_the_random_ones() -> None:
     # Its author reports 0.155 mm from 1000 poses.
-    chosen, rest = select_rows(measured("ur5", "grid.csv")[0], None, 100, 0)
+    rows = measured("ur5", "grid.csv")[0]
+    chosen, rest = map(rows.rows, choose_rows(len(rows), None, 100, 0))
     assert (len(chosen), len(rest)) == (100, 900)
     calibration = train(
         chosen, "local-poe", TrainingOptions(regularisation="early-stopping", seed=0)
@@ -84,7 +85,8 @@ def test_the_ur10_set_imports_as_poses_and_is_registered() -> None:
 
 def test_local_poe_lowers_the_error_of_the_ur10_on_rows_that_were_not_used() -> None:
     # shared/real/README.md: 0.46 mm rms for a geometric model.
-    chosen, rest = select_rows(measured("ur10", "joint_configurations.csv")[0], None, 300, 0)
+    rows = measured("ur10", "joint_configurations.csv")[0]
+    chosen, rest = map(rows.rows, choose_rows(len(rows), None, 300, 0))
     calibration = train(
         chosen, "local-poe", TrainingOptions(regularisation="early-stopping", seed=0)
     )

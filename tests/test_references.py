@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks import check_measurements
-from calibtool.measurement.importing import Imported, brought_back, read_table
+from calibtool.measurement.importing import Imported, read_table, undo_instrument_motion
 from calibtool.measurement.reference_motion import ReferencePoints, instrument_motion
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
@@ -196,7 +196,7 @@ def test_rows_are_brought_back_by_columns_and_by_files(source: str) -> None:
     text, files, truth = tables(1.0, with_columns=source == "columns")
     given = imported(text)
     file = None if source == "columns" else (files[source], "refs.csv")
-    back, told, moved = brought_back(given, file)
+    back, told, moved = undo_instrument_motion(given, file)
     assert moved
     assert "brought back into the frame of the first reading" in told[0]
     before = np.linalg.norm(given.measurements.points - truth, axis=-1)
@@ -215,15 +215,15 @@ def test_rows_without_drift_stay_as_they_are(source: str) -> None:
     text, files, _ = tables(0.0, with_columns=source == "columns", seed=2)
     given = imported(text)
     file = None if source == "columns" else (files[source], "refs.csv")
-    back, told, moved = brought_back(given, file)
+    back, told, moved = undo_instrument_motion(given, file)
     assert not moved
     assert "do not say more than their noise" in told[0]
     np.testing.assert_array_equal(back.measurements.points, given.measurements.points)
 
 
 def test_without_stamps_the_order_of_the_rows_is_the_time() -> None:
-    stamped, plain = (imported(tables(1.0, time=time)[0]) for time in (True, False))
-    one, other = (brought_back(given)[0].measurements.points for given in (stamped, plain))
+    timed, plain = (imported(tables(1.0, time=time)[0]) for time in (True, False))
+    one, other = (undo_instrument_motion(given)[0].measurements.points for given in (timed, plain))
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
@@ -244,10 +244,10 @@ def test_places_are_brought_back_each_for_itself() -> None:
         measurements=replace(given.measurements, points=readonly(points), place=place, setup=setup),
         auxiliary=replace(given.auxiliary, reference_points=fixed),
     )
-    back, told, moved = brought_back(two)
+    back, told, moved = undo_instrument_motion(two)
     assert moved
     assert [text.split(":")[0] for text in told] == ["A", "B"]
-    once = brought_back(given)[0].measurements.points
+    once = undo_instrument_motion(given)[0].measurements.points
     np.testing.assert_allclose(back.measurements.points[:half], once[:half], atol=0.1e-3)
     apart = back.measurements.points[half:] - points[half:]
     assert 0.1e-3 < np.linalg.norm(apart, axis=-1).max() < 0.8e-3  # from its own first reading on
@@ -257,18 +257,18 @@ def test_references_that_cannot_be_meant_are_refused() -> None:
     text, files, _ = tables(1.0, with_columns=False)
     given = imported(text)
     with pytest.raises(UsageError, match="has no reference points"):
-        brought_back(given)
+        undo_instrument_motion(given)
     with pytest.raises(InputError, match=r"refs\.csv: neither a time .* nor row"):
-        brought_back(given, (files["rows"].replace("row,", "step,"), "refs.csv"))
+        undo_instrument_motion(given, (files["rows"].replace("row,", "step,"), "refs.csv"))
     later = files["times"].replace("\n0,", "\n", 1).splitlines()
     moved = [later[0], *(f"{9000 + k},{line.split(',', 1)[1]}" for k, line in enumerate(later[2:]))]
     with pytest.raises(InputError, match="after the last row"):
-        brought_back(given, ("\n".join(moved), "refs.csv"))
+        undo_instrument_motion(given, ("\n".join(moved), "refs.csv"))
     unstamped = imported(tables(1.0, with_columns=False, time=False)[0])
     with pytest.raises(InputError, match="give a column row"):
-        brought_back(unstamped, (files["times"], "refs.csv"))
+        undo_instrument_motion(unstamped, (files["times"], "refs.csv"))
     once = "\n".join(files["rows"].splitlines()[:2])
-    back, told, was_moved = brought_back(given, (once, "refs.csv"))
+    back, told, was_moved = undo_instrument_motion(given, (once, "refs.csv"))
     assert not was_moved
     assert "read once only" in told[0]
     assert back.measurements is not None

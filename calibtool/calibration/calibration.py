@@ -198,8 +198,7 @@ class Calibration:
         """At which rows of q (N, n) the loops of nominal and calibrated robot close: (N,) bool."""
         if self.robot.chain.tree is None:
             return np.ones(len(q), dtype=bool)
-        closed: np.ndarray = self.robot.mechanism.closes(q) & np.isfinite(self.forward(q)[:, 0, 0])
-        return closed
+        return self.robot.mechanism.closes(q) & np.isfinite(self.forward(q)[:, 0, 0])
 
     def base_context(self, q: Array) -> Context:
         """Frames of the base model at q (N, n), from which the columns of errors are computed."""

@@ -124,7 +124,7 @@ def _candidates(
 
     One that learned nothing from all rows is no candidate beside another.
     """
-    kinds = options.resolved(_asked(identified)).candidates
+    kinds = options.resolved(_requested_model(identified)).candidates
     fitted = [on_base(measurements, identified, each, rng, progress) for each in kinds]
     return [fitted[0], *(each for each in fitted[1:] if each.networks)]
 
@@ -141,14 +141,10 @@ def on_base(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress = silent,
-    frame: FrameName = "taught",
 ) -> Calibration:
-    """Base model and networks from these rows, without deciding whether the networks are used.
-
-    frame: of a base model that is identified here; a calibration given as base keeps its own.
-    """
-    calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
-    resolved = options.resolved(_asked(calibration)).candidates[0]
+    """Base model and networks from these rows, without deciding whether the networks are used."""
+    calibration = base if isinstance(base, Calibration) else identify(measurements, base)
+    resolved = options.resolved(_requested_model(calibration)).candidates[0]
     networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,
@@ -162,8 +158,8 @@ def on_base(
     )
 
 
-def _asked(base: Calibration) -> str:
-    """The base model that was asked for."""
+def _requested_model(base: Calibration) -> str:
+    """The base model that was requested."""
     return "complete" if base.base.held_out else base.base.model
 
 

@@ -11,7 +11,7 @@ from calibtool.identification.report import parameter_rows, strongest_correlatio
 from calibtool.measurement.checks import design_findings
 from calibtool.units import count_of
 
-_CORRELATED = 0.9  # pairs of parameters above it are listed
+_CORRELATED = 0.9  # pairs of parameters with a larger correlation are listed
 
 
 def fit_summary(calibration: Calibration) -> str:
@@ -135,16 +135,16 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     posterior = base.posterior
     assert posterior is not None
     parameters = posterior.parameters
-    told = [
-        part.family.told(calibration.robot, base.errors[part.family.id], part.free)
+    described = [
+        part.family.describe(calibration.robot, base.errors[part.family.id], part.free)
         for part in parameters.parts
         if not part.family.always
     ]
-    functions = ", ".join(told)
+    functions = ", ".join(described)
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
         f"found beside errors of the geometry: {functions}"
-        if told
+        if described
         else "found: errors of the geometry alone",
         f"the measurements determine {posterior.effective:.1f} of {base.observable_rank} "
         f"combinations of {parameters.count} parameters; the residuals are those of "

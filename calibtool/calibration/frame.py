@@ -14,7 +14,7 @@ import numpy as np
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.setup import Setup
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
+from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log6, pose_difference, readonly
 from calibtool.robot.singularity import at_point
 
 FrameName = Literal["fitted", "taught"]
@@ -98,8 +98,7 @@ def taught_frame(
     for _ in range(_STEPS):
         pose = T_base @ fitted @ T_tool
         columns = free_columns(pose, setup) / sigma[:, None]
-        turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
-        residual = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
+        residual = pose_difference(taught, pose) / sigma
         step = np.zeros((2, 6))
         step[free] = np.linalg.lstsq(
             columns.reshape(residual.size, -1), residual.ravel(), rcond=1e-9

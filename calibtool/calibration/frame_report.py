@@ -6,7 +6,8 @@ import numpy as np
 
 from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, log3, pose_distances
+from calibtool.units import rounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,8 @@ class FrameReport:
         result: dict[str, object] = {"name": self.name}
         for part in ("base", "tool"):
             values = getattr(self, part)
-            result[f"common_{part}_mm"] = _rounded(values[:3] * 1e3)
-            result[f"common_{part}_rotation_vector_deg"] = _rounded(np.rad2deg(values[3:]))
+            result[f"common_{part}_mm"] = rounded(values[:3] * 1e3)
+            result[f"common_{part}_rotation_vector_deg"] = rounded(np.rad2deg(values[3:]))
         for key, values in (("apart_mm", self.position), ("apart_mrad", self.orientation)):
             result[key] = {"rms": _rms(values) * 1e3, "max": float(values.max()) * 1e3}
         return result
@@ -66,13 +67,13 @@ def frame_report(calibration: Calibration) -> FrameReport | None:
     taught = replace(calibration, networks=()).in_frame("taught")
     assert taught.frame is not None
     pose, nominal = taught.forward(taught.q), taught.robot.mechanism.forward(taught.q)
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], -1, -2))
+    position, orientation = pose_distances(pose, nominal)
     return FrameReport(
         name="fitted" if calibration.frame is None else calibration.frame.name,
         base=_moved(taught.frame.T_taught_fitted),
         tool=_moved(taught.frame.T_tool_taught),
-        position=np.linalg.norm(pose[:, :3, 3] - nominal[:, :3, 3], axis=-1),
-        orientation=np.linalg.norm(turn, axis=-1),
+        position=position,
+        orientation=orientation,
     )
 
 
@@ -82,7 +83,3 @@ def _moved(pose: Array) -> Array:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
-
-
-def _rounded(values: Array) -> list[float]:
-    return [round(float(v), 6) + 0.0 for v in values]

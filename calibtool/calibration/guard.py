@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 # times the largest distance between a configuration of the training and its nearest neighbour
 _DISTANCE = 1.5
-_ROUGH = 4.0  # a bound is at most 1 + this times the distance
+_ROUGH = 4.0  # the bound of a distance is at most 1 + this times the distance
 _AT_A_TIME = 256
-_STANDS = 1e-3  # rad or m: a joint that moved less counts as fixed, and so far around it as known
+# rad or m: a joint that moved less counts as fixed, and is covered up to this distance
+_STANDS = 1e-3
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
 
 

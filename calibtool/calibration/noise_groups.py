@@ -12,11 +12,13 @@ from calibtool.measurement.observation import observation_matrix, residuals, wei
 from calibtool.robot.se3 import Array
 
 _RARE = 1e-3  # probability below which a difference is not chance
-_CLEAR = 1.3  # times the others' noise: less is no matter, and may be the fit's own share
-_FEWEST = 15  # rows; fewer do not tell how far a ratio is off
-_FLOOR = 1e-3  # of the mean variance
-_SEPARATE = 0.05  # of the largest eigenvalue of what shows the variances of groups: less hides one
-# times the stated noise is left: the model describes the rows; no difference is the noise's
+_CLEAR = 1.3  # times the others' noise: a smaller ratio does not matter, and may come from the fit
+_FEWEST = 15  # number of rows; fewer do not show how uncertain a ratio is
+_FLOOR = 1e-3  # of the mean variance: smallest variance of a group
+# of the largest eigenvalue of the shares: below it, the variance of a group cannot be separated
+_SEPARATE = 0.05
+# Rms of the residuals in multiples of the stated noise: up to the first, axes are compared by whole
+# residuals; from the second on, whole residuals show no difference of noise.
 _AS_STATED, _DESCRIBED = 1.5, 3.0
 
 Kind = Literal["target", "position axis", "orientation axis"]
@@ -30,7 +32,7 @@ class NoiseGroup:
     rms         of the residuals, m or rad
     ratio       its noise over that of the others of its kind
     p           probability of such a ratio or a larger one by chance, for all groups together
-    told_apart  whether the noise could be separated from errors beyond the model
+    separated  whether the noise could be separated from errors beyond the model
     """
 
     kind: Kind
@@ -38,7 +40,7 @@ class NoiseGroup:
     rms: float
     ratio: float
     p: float
-    told_apart: bool
+    separated: bool
 
     @property
     def noisier(self) -> bool:
@@ -59,7 +61,7 @@ class NoiseGroup:
         return "mrad" if self.kind == "orientation axis" else "mm"
 
     def __str__(self) -> str:
-        doubt = "" if self.told_apart else ", or the model leaves more there"
+        doubt = "" if self.separated else ", or the model leaves more there"
         return (
             f"{self.called} is {self.ratio:.2g} times as noisy as the others "
             f"(p = {self.p:.1g}){doubt}"
@@ -108,17 +110,17 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
     def in_axes(columns: Array) -> Array:
         return kind.in_axes(setup, columns, rows.place)
 
-    left = residuals(rows, setup, tool)
-    plain = in_axes(left[..., None])[..., 0]
-    d, targets = left.shape[1], len(setup.targets)
-    whole_residual = plain * scale, np.broadcast_to(np.eye(d), (len(left), d, d))
+    residual = residuals(rows, setup, tool)
+    plain = in_axes(residual[..., None])[..., 0]
+    d, targets = residual.shape[1], len(setup.targets)
+    whole_residual = plain * scale, np.broadcast_to(np.eye(d), (len(residual), d, d))
     ways = [whole_residual]
     if targets > 2:
         R = tool[:, None, :3, :3]
-        apart = left.reshape(len(left), targets, 3, 1)
+        apart = residual.reshape(len(residual), targets, 3, 1)
         apart = apart - R @ (np.swapaxes(R, -1, -2) @ apart).mean(axis=0)
         P = in_axes(observation_matrix(setup, tool, rows.place)) * scale[..., None]
-        noise = in_axes(apart.reshape(*left.shape, 1))[..., 0] * scale
+        noise = in_axes(apart.reshape(*residual.shape, 1))[..., 0] * scale
         ways = [(noise, whole_residual[1] - P @ np.linalg.pinv(P, rcond=1e-6)), whole_residual]
     lengths, coordinates = kind.lengths(setup), np.arange(d)
     numbers = [str(i + 1) for i in range(targets)]
@@ -134,13 +136,13 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
     found = []
     for each, group, names in kinds:
         *rigid, whole_shown = [_Shown.of(noise, Q, group, len(names)) for noise, Q in ways]
-        told_apart = any(way.separate for way in rigid) and (each == "target" or size > _AS_STATED)
-        ratios, sizes = (rigid[0] if told_apart else whole_shown).compared()
+        separated = any(way.separate for way in rigid) and (each == "target" or size > _AS_STATED)
+        ratios, sizes = (rigid[0] if separated else whole_shown).compared()
         for g, name in enumerate(names):
             rms = float(np.sqrt((plain[:, group == g] ** 2).mean()))
             p = min(1.0, tests * float(stdtr(len(rows) - 1, -sizes[g])))
-            p = p if told_apart or size < _DESCRIBED else 1.0
-            found.append(NoiseGroup(each, name, rms, float(ratios[g]), p, told_apart))
+            p = p if separated or size < _DESCRIBED else 1.0
+            found.append(NoiseGroup(each, name, rms, float(ratios[g]), p, separated))
     return found
 
 

@@ -5,7 +5,7 @@ import sys
 
 from calibtool.cli.interrupts import leaving_at_once
 
-# Matrices here are small: threads of the linear algebra only get into each other's way. Before
+# Matrices here are small: threads of the linear algebra only slow each other down. Before
 # numpy is imported.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")

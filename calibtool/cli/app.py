@@ -36,7 +36,7 @@ from calibtool.cli.provenance import remember_command
 from calibtool.cli.verbosity import SWITCHES, detail, take_switches
 from calibtool.errors import CalibtoolError, near_names
 
-# What typer and pydantic say, in plain words.
+# Messages of typer and pydantic, and plain words for them.
 _PLAINER = (
     (r"Input should be greater than or equal to (\S+)", r"expected at least \1"),
     (r"Input should be less than or equal to (\S+)", r"expected at most \1"),

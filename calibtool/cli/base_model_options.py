@@ -1,11 +1,12 @@
 """Options of the base model, shared by `identify` and `train`."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from calibtool.cli.options import choice
+from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration.fit import BaseOptions
@@ -86,12 +87,9 @@ class BaseModelOptions:
 
     def of(self, model: str, robot: "Robot") -> "BaseOptions":
         """The library's options; UsageError for options of the complete model with another one."""
-        from typing import cast
-
         from calibtool.calibration.fit import BaseOptions
         from calibtool.errormodel.families import FAMILIES
         from calibtool.errormodel.tolerances import Tolerances
-        from calibtool.errors import UsageError
         from calibtool.identification.complete import CompleteOptions
         from calibtool.identification.robust import LOSS_FUNCTIONS, LossFunction
 

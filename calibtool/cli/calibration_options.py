@@ -7,6 +7,7 @@ import typer
 
 from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import FrameOption
+from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -38,7 +39,6 @@ class CalibrationOptions:
         UsageError for a condition without a family of errors in the calibration.
         """
         from calibtool.errormodel.operating_conditions import Conditions
-        from calibtool.errors import UsageError
         from calibtool.robot.se3 import readonly
 
         calibration, _ = load_calibration(path, self.frame)

@@ -1,8 +1,9 @@
 """calibtool compensate: poses or joints in, corrected joints out."""
 
 from collections.abc import Iterator
+from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -30,10 +31,12 @@ from calibtool.cli.options import (
     Outside,
     TakeUpBacklash,
     check_solving,
+    comma_numbers,
     joint_values_of,
 )
 from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.program_files import (
+    ProgramTask,
     check_not_input,
     compensate_file,
     compensate_folder,
@@ -41,14 +44,13 @@ from calibtool.cli.program_files import (
 )
 from calibtool.cli.program_flags import ROWS, ProgramFlags, controller_mechanism
 from calibtool.cli.progress import counted
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
     from calibtool.compensation.weighted_error import Weights
-    from calibtool.programs.correction import ProgramOptions
 
 
 def compensate(
@@ -139,8 +141,6 @@ def compensate(
             raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
     one_stdin(calibration, targets, programs.frames, programs.controller, *others)
     programs.check()
-    from typing import cast
-
     from calibtool.calibration.frame_report import frame_report
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
@@ -157,12 +157,12 @@ def compensate(
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     bounds = _bounds(loaded, most, weighed)
 
-    def how() -> "ProgramOptions":
+    def task_of_programs() -> ProgramTask:
         from calibtool.programs.correction import ProgramOptions
         from calibtool.programs.frames import NamedFrames, read_frames
 
         frames = programs.frames
-        return ProgramOptions(
+        options = ProgramOptions(
             method=solver,
             outside=policy,
             on_error=programs.on_error,
@@ -176,10 +176,11 @@ def compensate(
             weights=weighed,
             controller_model=controller_mechanism(programs, loaded.robot),
         )
+        return ProgramTask(loaded, options, programs, output, force, bounds)
 
     if folder:
         check_for_rows(f"{targets} is a folder", uncertainty, verify, line_buffered)
-        compensate_folder(loaded, targets, programs.kind, output, force, how(), programs, bounds)
+        compensate_folder(task_of_programs(), targets)
         return
     with input_stream(targets) as stream:
         if programs.kind == "auto":
@@ -189,11 +190,8 @@ def compensate(
             check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
             for path in (output, *([] if report is None else [report])):
                 check_not_input(path, targets, calibration, *others)
-            options_of_program = how()
-            data = stream.read()
-            compensate_file(
-                loaded, data, targets, found, output, force, options_of_program, programs, bounds
-            )
+            task = task_of_programs()
+            compensate_file(task, targets, stream.read(), found)
             return
         if programs.given:
             raise UsageError(
@@ -223,20 +221,16 @@ def _weights(text: str | None) -> "Weights | None":
     """`--weights` as numbers; UsageError for anything else."""
     if text is None:
         return None
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(
-            f"--weights is '{text}'; expected six numbers, for example 1,1,1,0,0,1"
-        ) from None
+    weights = comma_numbers(text)
+    if not weights:
+        raise UsageError(f"--weights is '{text}'; expected six numbers, for example 1,1,1,0,0,1")
+    return tuple(weights)
 
 
 def _bounds(
     calibration: "Calibration", largest_change: float | None, weights: "Weights | None"
 ) -> str:
     """How far joints may be changed, in words. UsageError for weights that do not fit the robot."""
-    from math import degrees
-
     from calibtool.compensation.one_step import default_bounds
 
     robot = calibration.robot
@@ -273,7 +267,6 @@ def compensate_rows(
 ) -> None:
     """Write corrected rows in batches, then a summary on stderr."""
     from calibtool.compensation.stream import StreamReport, compensate_stream
-    from calibtool.errors import NoSolutionError
 
     report = StreamReport()
     texts = compensate_stream(calibration, lines, name, options, report, row_format)

@@ -9,6 +9,7 @@ from calibtool.cli.evaluate import show_evaluation
 from calibtool.cli.files import STREAM, message, write_output
 from calibtool.cli.options import Force, Seed
 from calibtool.cli.provenance import provenance
+from calibtool.errors import UsageError
 
 
 def demo(
@@ -29,8 +30,6 @@ def demo(
 
     Example: calibtool demo -o demo
     """
-    from calibtool.errors import UsageError
-
     if not output:
         raise UsageError("-o: the folder has no name")
     if output == STREAM:

@@ -7,12 +7,12 @@ import typer
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.judging import CalibrationFiles, JudgedOn, Judging, require_met
-from calibtool.cli.options import Force, Json
+from calibtool.cli.options import Force, Json, check_one_stdout
 from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.units import count_of, three_digits
 
-_POSES = 8  # of ISO 9283 in a table for people
+_POSES = 8  # number of poses of ISO 9283 in the printed table
 _STATISTICS = ("mean", "rms", "95 % below", "max", "change of max")
 
 
@@ -46,10 +46,7 @@ def evaluate(
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
-    if json and output == "-":
-        from calibtool.errors import UsageError
-
-        raise UsageError("--json and -o - both want stdout; give -o FILE")
+    check_one_stdout(output, json)
     if output is not None:
         check_output(output, force, suffixes=(".csv",))
     one_stdin(*calibrations, on, judging.before)

@@ -15,7 +15,7 @@ from calibtool.errors import InputError, UsageError, printable
 from calibtool.unfinished_files import held
 
 STREAM = "-"
-_WIDTH = 80  # columns if their number is unknown
+_WIDTH = 80  # characters in a line of the terminal, if unknown
 HDF5 = (".h5", ".hdf5")
 # Suffixes that promise a format: an output of another one is refused.
 _FORMATS = {
@@ -86,10 +86,17 @@ def read_bytes(path: str) -> bytes:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
         return _binary(sys.stdin).read()
-    try:
+    with _input_errors(path):
         data = Path(path).read_bytes()
-        detail(f"{path}: {len(data):,} bytes read")
-        return data
+    detail(f"{path}: {len(data):,} bytes read")
+    return data
+
+
+@contextlib.contextmanager
+def _input_errors(path: str) -> Iterator[None]:
+    """An error of the operating system for an input, as UsageError or InputError."""
+    try:
+        yield
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except IsADirectoryError:
@@ -115,14 +122,8 @@ def input_stream(path: str) -> Iterator[io.BufferedReader]:
         stream: Any = _binary(sys.stdin)
         yield stream if isinstance(stream, io.BufferedReader) else io.BufferedReader(stream)
         return
-    try:
+    with _input_errors(path):
         file: Any = open(path, "rb", buffering=65536)  # noqa: SIM115
-    except FileNotFoundError:
-        raise UsageError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder; expected a file") from None
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
     with file:
         yield file
 
@@ -225,7 +226,7 @@ def output_stream(
         return
     with _reported(path):
         if _is_device(path):
-            # Never truncated, whatever is there now.
+            # Without truncation: by now the path may be a file, which keeps its contents.
             with os.fdopen(os.open(path, os.O_WRONLY), "wb") as stream:
                 yield _writer(stream, path)
         else:

@@ -15,7 +15,7 @@ from calibtool.cli.options import choice
 from calibtool.errors import CalibtoolError, UsageError
 
 _SAMPLE = "sample"
-_TRIES = 3  # at a question, until the session ends
+_TRIES = 3  # number of wrong answers to a question after which the session ends
 _CORRECT = "Correct the header or give a column map (docs/file-formats.md), then begin again."
 
 
@@ -115,13 +115,13 @@ def _accepted(
     ask: Callable[[str, str], str], question: str, default: str, check: Callable[[str], object]
 ) -> str:
     """The answer to a question; one that `check` refuses is asked again, up to three times."""
-    for left in reversed(range(_TRIES)):
+    for remaining in reversed(range(_TRIES)):
         answer = ask(question, default)
         try:
             check(answer)
             break
         except CalibtoolError as error:
-            if not left:
+            if not remaining:
                 raise
             message(str(error))
     return answer

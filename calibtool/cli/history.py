@@ -17,7 +17,8 @@ if sys.platform != "win32":
 def append(path: str, entry: dict[str, object]) -> None:
     """Append one line; other processes wait for it, and a line that cannot be written is undone.
 
-    A weaker guarantee of the file system is told. UsageError where the file cannot be written.
+    A warning is printed where the file system gives a weaker guarantee. UsageError where the file
+    cannot be written.
     """
     lacking: list[str] = []
     line = (json.dumps(entry, allow_nan=False) + "\n").encode("ascii")

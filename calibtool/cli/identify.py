@@ -1,5 +1,6 @@
 """calibtool identify: a base model from measurements."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,10 +13,11 @@ from calibtool.cli.input_files import (
     load_measurements,
     say_if_frame_is_not_free,
 )
-from calibtool.cli.options import Force, FrameOption, Json, ReportingOutput, choice
+from calibtool.cli.options import Force, FrameOption, Json, ReportingOutput, choice, report_target
 from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
+from calibtool.errors import UsageError
 from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
@@ -96,13 +98,10 @@ def identify(
     if target is not None:
         check_output(target, force, binary=True, suffixes=HDF5)
     one_stdin(*measurements, source)
-    from dataclasses import replace
-
     from calibtool.calibration import IDENTIFIED_MODELS
     from calibtool.calibration import identify as run
     from calibtool.calibration.noise_groups import noise_groups
     from calibtool.calibration.transfer import refit as transfer
-    from calibtool.errors import UsageError
     from calibtool.identification.mastering import mastering
     from calibtool.identification.partial import of_families
     from calibtool.storage import to_bytes
@@ -211,15 +210,6 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
         f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(posterior, 3)
     )
     message(f"strongest correlations: {pairs}")
-
-
-def report_target(output: str | None, json: bool) -> str | None:
-    """Output path: with --json stdout is used, and a file is written only if one is named."""
-    if json and output == "-":
-        from calibtool.errors import UsageError
-
-        raise UsageError("--json and -o - both want stdout; give -o FILE")
-    return output if output is not None or json else "-"
 
 
 def report_calibration(

@@ -131,8 +131,8 @@ def import_folder(
             )
         message(str(finding))
     inputs["images"] = "\n".join(f"{path.name} {_digest(path)}" for path in paths).encode()
-    said = tuple(finding.message for finding in findings if finding.severity == "warning")
-    measurements = replace(measurements, provenance=provenance(None, **inputs), findings=said)
+    warnings = tuple(finding.message for finding in findings if finding.severity == "warning")
+    measurements = replace(measurements, provenance=provenance(None, **inputs), findings=warnings)
     outputs: dict[str, bytes | str] = {output: to_bytes(measurements)}
     if options.picture is not None:
         lost = [path for path in paths if path not in imported.paths]

@@ -1,6 +1,7 @@
 """Options of calibtool import, in groups: the table, files beside it, the rows that are taken."""
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -228,15 +229,15 @@ class OtherFiles:
         """The rows in one frame by --use-references or --references; notes for the file."""
         if not self.use_references and self.references is None:
             return imported, []
-        from calibtool.measurement.importing import brought_back
+        from calibtool.measurement.importing import undo_instrument_motion
 
         file = None
         if self.references is not None:
             file = (inputs["references"], shown(self.references))
-        imported, told, moved = brought_back(imported, file, stated)
-        for text in told:
+        imported, notes, moved = undo_instrument_motion(imported, file, stated)
+        for text in notes:
             message(f"note: {text}")
-        return imported, told if moved else []
+        return imported, notes if moved else []
 
     def at_clock_offset(self, imported: "Imported") -> "Imported":
         """The joints at the stamps plus --clock-offset."""
@@ -283,8 +284,6 @@ def _second_arm(name: str) -> "SecondArm":
 
 def _offset(imported: "Imported", text: str) -> float:
     """The offset of --clock-offset, s; with `auto` it is found from the motion, and reported."""
-    from math import isfinite
-
     from calibtool.measurement.checks.clocks import clock_offset
 
     if text == "auto":

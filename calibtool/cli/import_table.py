@@ -1,5 +1,6 @@
 """The part of calibtool import that reads a table, a workbook or a ROS bag."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,8 +88,9 @@ def import_table(
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
-        for finding in _findings(taken):
-            message(str(finding))
+        with suppress(NoSolutionError):  # the preview says that the set-up cannot be registered
+            for finding in _registered(taken)[1]:
+                message(str(finding))
         return
     measurements, findings = _registered(taken)
     for finding in findings:
@@ -143,17 +145,6 @@ def _registered(taken: "Imported") -> "tuple[Measurements, list[Finding]]":
             why = [f.message for f in found if f.severity == "warning"]
             raise NoSolutionError("; ".join([str(error), *why[:1]])) from None
         return measurements, check_measurements(measurements, taken.auxiliary, taken.stream)
-
-
-def _findings(taken: "Imported") -> "list[Finding]":
-    """What the checks on import find; nothing where the set-up cannot be registered."""
-    from calibtool.measurement.checks import check_measurements
-
-    try:
-        measurements = taken.registered().measurements
-    except NoSolutionError:
-        return []
-    return check_measurements(measurements, taken.auxiliary, taken.stream)
 
 
 def _write(

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibtool.cli.files import read_bytes, shown, write_stdout
+from calibtool.cli.files import read_bytes, shown
 from calibtool.cli.options import Json
-from calibtool.cli.printing import lines, print_json
+from calibtool.cli.printing import print_json, print_summary
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -46,7 +46,7 @@ def info(
     if json:
         print_json({**summary, "schema": "calibtool/info"})
     else:
-        write_stdout(("\n".join(lines(summary)) + "\n").encode())
+        print_summary(summary)
 
 
 def _clearest(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -105,7 +105,6 @@ def in_frame(contents: "Calibration | Measurements", frame: str, name: str) -> "
     UsageError for measurements, called `name`, or an unknown frame.
     """
     from calibtool.calibration import Calibration
-    from calibtool.errors import UsageError
 
     chosen = frame_name(frame)
     if not isinstance(contents, Calibration):
@@ -116,8 +115,6 @@ def in_frame(contents: "Calibration | Measurements", frame: str, name: str) -> "
 
 def frame_name(frame: str) -> "FrameName":
     """The value of --frame. UsageError for an unknown one."""
-    from typing import cast
-
     from calibtool.calibration.frame import FRAMES, FrameName
 
     return cast(FrameName, choice(frame, FRAMES, "--frame"))

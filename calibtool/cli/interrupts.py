@@ -60,6 +60,6 @@ def _leave(number: int, frame: FrameType | None) -> None:
     remove_unfinished()
     with contextlib.suppress(OSError, AttributeError, ValueError):
         if sys.stderr.isatty():  # a progress line may stand there, with the cursor hidden
-            told = b"interrupted; no file is half written\n" if number == signal.SIGINT else b""
-            os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h" + told)
+            text = b"interrupted; no file is half written\n" if number == signal.SIGINT else b""
+            os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h" + text)
     os._exit(128 + number)

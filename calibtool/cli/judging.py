@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from calibtool.cli.options import EXACT, CompensationMethod, FrameOption, Outside, check_solving
+from calibtool.errors import AcceptanceError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -90,7 +91,6 @@ class Judging:
 
 def require_met(evaluation: "Evaluation", limits: "Sequence[Limit]") -> None:
     """AcceptanceError for the first limit that a calibration does not meet."""
-    from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits
 
     broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])

@@ -8,9 +8,10 @@ from calibtool.cli.files import check_output, message, one_stdin, shown, write_o
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import CalibrationFile, Force, Json
 from calibtool.cli.printing import print_json, print_tables
+from calibtool.errors import AcceptanceError, UsageError
 from calibtool.units import count_of, three_digits
 
-_SHOWN = 4  # causes in the table
+_SHOWN = 4  # number of causes in the table
 
 
 def monitor(
@@ -57,7 +58,6 @@ def monitor(
     Example: calibtool monitor complete.h5 --on fresh.h5 --history drift.ndjson
     """
     from calibtool.cli.history import append, entries
-    from calibtool.errors import AcceptanceError, UsageError
     from calibtool.evaluation.drift import check_drift
 
     if not 0.0 < false_alarm <= 0.5:
@@ -87,7 +87,7 @@ def monitor(
             "such checks"
         )
         if found.alarm:
-            rows = [[cause.name, cause.said] for cause in found.causes[:_SHOWN]]
+            rows = [[cause.name, cause.change_text] for cause in found.causes[:_SHOWN]]
             title = "what may have changed, the most probable first"
             print_tables(title, [(["cause, fitted alone", "change"], rows)])
         else:

@@ -1,8 +1,11 @@
 """Options that several commands share."""
 
+from math import isfinite, radians
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
+
+from calibtool.errors import UsageError, check_choice
 
 if TYPE_CHECKING:
     from calibtool.robot.coupling import JointValues
@@ -101,10 +104,35 @@ def joint_values_of(value: str | None) -> "JointValues | None":
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     """`value` if it is allowed; UsageError with near names otherwise."""
-    from calibtool.errors import check_choice
-
     check_choice(value, allowed, option)
     return value
+
+
+def finite(value: float, option: str) -> float:
+    """The number of an option; UsageError for NaN and infinity."""
+    if not isfinite(value):
+        raise UsageError(f"{option}: {value} is no finite number")
+    return value
+
+
+def comma_numbers(text: str) -> list[float]:
+    """Numbers with commas between them; none where a part is no number."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+
+
+def check_one_stdout(output: str | None, json: bool) -> None:
+    """UsageError where both --json and the output want stdout."""
+    if json and output == "-":
+        raise UsageError("--json and -o - both want stdout; give -o FILE")
+
+
+def report_target(output: str | None, json: bool) -> str | None:
+    """Output path: with --json stdout is used, and a file is written only if one is named."""
+    check_one_stdout(output, json)
+    return output if output is not None or json else "-"
 
 
 def check_solving(method: str, outside: str) -> None:
@@ -117,10 +145,6 @@ def check_solving(method: str, outside: str) -> None:
 
 def largest_change(degrees: float | None) -> float | None:
     """`--largest-change-deg` in rad; UsageError unless it is positive."""
-    from math import radians
-
-    from calibtool.errors import UsageError
-
     if degrees is not None and not degrees > 0.0:
         raise UsageError(f"--largest-change-deg is {degrees:g}; expected more than 0")
     return None if degrees is None else radians(degrees)

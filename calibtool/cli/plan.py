@@ -1,11 +1,11 @@
 """calibtool plan: the most informative configurations to measure."""
 
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from calibtool.cli.files import check_output, message, shown, write_output, write_outputs, wrote
-from calibtool.cli.identify import report_target
 from calibtool.cli.input_files import RobotOptions, load_calibration
 from calibtool.cli.options import (
     Force,
@@ -15,12 +15,15 @@ from calibtool.cli.options import (
     Seed,
     WorkspaceName,
     choice,
+    finite,
     joint_values_of,
+    report_target,
 )
-from calibtool.cli.plan_options import ConstraintOptions, InstrumentOptions, finite
+from calibtool.cli.plan_options import ConstraintOptions, InstrumentOptions
 from calibtool.cli.plan_tables import report_cube, report_plan
 from calibtool.cli.printing import print_json
 from calibtool.cli.progress import counted, working
+from calibtool.errors import InputError, UsageError
 from calibtool.units import count_of
 
 if TYPE_CHECKING:
@@ -129,12 +132,8 @@ def plan(
         check_output(program, force)
     if criterion is not None:
         choice(criterion, ("d", "i"), "--criterion")
-    from dataclasses import replace
-    from typing import cast
-
     import numpy as np
 
-    from calibtool.errors import UsageError
     from calibtool.planning.instrument_rows import placed
     from calibtool.planning.iso9283_poses import plan_test
     from calibtool.planning.plan import make_plan
@@ -216,7 +215,6 @@ def _knowledge(
     seen_by: "InstrumentRows | None",
 ) -> "Knowledge":
     from calibtool.calibration import check_same_robot
-    from calibtool.errors import InputError, UsageError
     from calibtool.planning.information import Knowledge
 
     if seen_by is not None and source is None:

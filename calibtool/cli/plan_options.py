@@ -1,13 +1,15 @@
 """Options of calibtool plan: the constraints of configurations, and the instrument."""
 
 from dataclasses import dataclass
+from math import radians
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibtool.cli.files import shown
 from calibtool.cli.input_files import load_measurements
-from calibtool.cli.options import choice
+from calibtool.cli.options import choice, comma_numbers, finite
+from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +45,7 @@ class InstrumentOptions:
 
     @property
     def given(self) -> bool:
-        """Whether another instrument than a tracker of points is asked for."""
+        """Whether an instrument other than a tracker of points was chosen."""
         return self.observe != "points" or self.set_up is not None
 
     def rows(
@@ -55,7 +57,6 @@ class InstrumentOptions:
     ) -> "InstrumentRows | None":
         """The rows that the instrument sees; None for points of a tracker. noise: m."""
         from calibtool.calibration import check_same_robot
-        from calibtool.errors import UsageError
         from calibtool.measurement.instruments import INSTRUMENTS
         from calibtool.planning.instrument_rows import InstrumentRows
 
@@ -139,9 +140,6 @@ class ConstraintOptions:
         )
 
     def _sight(self) -> "Sight | None":
-        from math import radians
-
-        from calibtool.errors import UsageError
         from calibtool.planning.constraints import Sight
 
         if self.instrument is None:
@@ -162,12 +160,7 @@ class ConstraintOptions:
 
 def _numbers(text: str, count: int, option: str) -> list[float]:
     """Comma separated numbers of an option."""
-    from calibtool.errors import UsageError
-
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
+    values = comma_numbers(text)
     if len(values) != count:
         raise UsageError(f"{option}: '{text}' is not {count} numbers with commas between them")
     return [finite(value, option) for value in values]
@@ -175,22 +168,9 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 
 def _box(text: str) -> tuple[float, ...]:
     """A box of --keep-out, m."""
-    from calibtool.errors import UsageError
-
     values = _numbers(text, 6, "--keep-out")
     if any(low >= high for low, high in zip(values[:3], values[3:], strict=True)):
         raise UsageError(
             f"--keep-out: '{text}' is empty; give x0,y0,z0,x1,y1,z1 with x0 < x1, y0 < y1, z0 < z1"
         )
     return tuple(value * 1e-3 for value in values)
-
-
-def finite(value: float, option: str) -> float:
-    """The number of an option; UsageError for NaN and infinity."""
-    from math import isfinite
-
-    from calibtool.errors import UsageError
-
-    if not isfinite(value):
-        raise UsageError(f"{option}: {value} is no finite number")
-    return value

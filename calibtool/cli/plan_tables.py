@@ -25,9 +25,8 @@ def report_plan(made: "Plan", workspace: str) -> None:
         rows.append([name, *(three_digits(values[key]) for key in cells)])
     header = ["", "parameters known", "mean error, mm", "max error, mm"]
     print_tables(
-        f"{made.knowledge.robot.name}, {workspace}: {count} selected of "
-        f"{len(made.candidates.q)} candidates; the model has "
-        f"{count_of(made.knowledge.parameters.count, 'parameter')}",
+        f"{made.knowledge.robot.name}, {workspace}: {count} selected of {len(made.candidates.q)} "
+        f"candidates; the model has {count_of(made.knowledge.parameters.count, 'parameter')}",
         [(header, rows)],
     )
     message(

@@ -9,12 +9,13 @@ from calibtool.cli.files import check_output, one_stdin, shown, stem, write_outp
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.judging import CalibrationFiles, Judging
 from calibtool.cli.options import Force, choice
+from calibtool.errors import InputError, UsageError
 
 # The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second
 # half needs --on.
-_OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
-_OF_ERRORS = ("errors", "distribution", "vectors", "coverage", "iso9283")
-FIGURES = (*_OF_CALIBRATIONS, *_OF_ERRORS)
+OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
+OF_ERRORS = ("errors", "distribution", "vectors", "coverage", "iso9283")
+FIGURES = (*OF_CALIBRATIONS, *OF_ERRORS)
 
 
 def plot(
@@ -23,7 +24,7 @@ def plot(
         str,
         typer.Argument(
             metavar="FIGURE",
-            help=f"{', '.join(_OF_CALIBRATIONS)}; on measurements {', '.join(_OF_ERRORS)}.",
+            help=f"{', '.join(OF_CALIBRATIONS)}; on measurements {', '.join(OF_ERRORS)}.",
         ),
     ],
     calibrations: CalibrationFiles,
@@ -35,7 +36,7 @@ def plot(
     ],
     on: Annotated[
         str | None,
-        typer.Option(metavar="MEASUREMENTS", help=f"Measurements for {', '.join(_OF_ERRORS)}."),
+        typer.Option(metavar="MEASUREMENTS", help=f"Measurements for {', '.join(OF_ERRORS)}."),
     ] = None,
     width_mm: Annotated[
         float,
@@ -60,12 +61,11 @@ def plot(
     check_output(output, force)
     one_stdin(*calibrations, on, judging.before)
     from calibtool.calibration import check_same_robot
-    from calibtool.errors import InputError, UsageError
     from calibtool.evaluation.plots import Subject, draw, image_format
 
     image = image_format(Path(output).name)
     limits = judging.limits()
-    if kind in _OF_ERRORS and on is None:
+    if kind in OF_ERRORS and on is None:
         raise UsageError(f"plot {kind}: give the measurements with --on")
     named = [(stem(path), load_calibration(path, judging.frame)[0]) for path in calibrations]
     for name, calibration in named[1:]:
@@ -76,7 +76,7 @@ def plot(
             f"calibration '{named[0][0]}'",
         )
     subject = Subject(named)
-    if kind in _OF_ERRORS:
+    if kind in OF_ERRORS:
         measurements, _ = load_measurements(str(on))
         earlier = None if judging.before is None else load_measurements(judging.before)[0]
         evaluation = judging.evaluation(named, measurements, earlier)

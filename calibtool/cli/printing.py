@@ -10,10 +10,10 @@ from calibtool.cli.verbosity import is_quiet, tell
 from calibtool.errors import printable
 from calibtool.units import minus
 
-_GAP = "  "  # between columns
-_WIDTH = 80  # columns of a summary
-_LONGEST = 24  # elements of a list that people are shown
-_LONG_TEXT = 60  # characters of an element that has lines of its own
+_GAP = "  "  # between two columns
+_WIDTH = 80  # characters in a line of a summary
+_LONGEST = 24  # number of elements up to which a list is printed
+_LONG_TEXT = 60  # characters from which an element gets lines of its own
 
 
 def print_json(value: dict[str, object]) -> None:
@@ -76,6 +76,11 @@ def _blocks(sizes: list[int], width: int, keys: int) -> list[list[int]]:
         else:
             blocks[-1].append(k)
     return blocks
+
+
+def print_summary(summary: dict[str, object]) -> None:
+    """A nested summary as text on stdout, see `lines`."""
+    write_stdout(("\n".join(lines(summary)) + "\n").encode())
 
 
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:

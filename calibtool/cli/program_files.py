@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,17 +57,24 @@ def check_not_input(output: str, *inputs: str) -> None:
             )
 
 
-def compensate_file(
-    calibration: "Calibration",
-    data: bytes,
-    path: str,
-    kind: str,
-    output: str,
-    force: bool,
-    options: "ProgramOptions",
-    flags: ProgramFlags,
-    bounds: str,
-) -> None:
+@dataclass(frozen=True)
+class ProgramTask:
+    """How the files of a program are corrected, and where the result is written.
+
+    flags    options of the command for programs
+    output   file or folder to write; force: it may exist
+    bounds   a line for stderr: by how much joints may change
+    """
+
+    calibration: "Calibration"
+    options: "ProgramOptions"
+    flags: ProgramFlags
+    output: str
+    force: bool
+    bounds: str
+
+
+def compensate_file(task: ProgramTask, path: str, data: bytes, language: str) -> None:
     """Write the corrected program and its report; the summary and the bounds on stderr.
 
     NoSolutionError (after all is written) for a program that is corrected in part,
@@ -74,38 +82,31 @@ def compensate_file(
     """
     from calibtool.programs.compensate import compensate_texts
 
+    flags, output, force = task.flags, task.output, task.force
     looked_up = [(shown(other), read_bytes(other), False) for other in flags.with_ or []]
     texts = iter([(shown(path), data, True), *looked_up])
     del data  # large programs are kept once, as text
-    result = compensate_texts(calibration, texts, kind, options)
+    result = compensate_texts(task.calibration, texts, language, task.options)
     reports = {} if flags.report is None else {flags.report: result.report()}
     if output == STREAM:
         write_output(output, result.data, force, text=True)
         write_outputs({**reports}, force)
     else:
         write_outputs({output: result.data, **reports}, force)
-    _tell(shown(path), result)
-    message(bounds)
+    _print_summary(shown(path), result)
+    message(task.bounds)
     wrote(output, "the corrected program")
-    _check_whole([result], shown(path), flags.partial)
+    _check_complete([result], shown(path), flags.partial)
 
 
-def compensate_folder(
-    calibration: "Calibration",
-    folder: str,
-    kind: str,
-    output: str,
-    force: bool,
-    options: "ProgramOptions",
-    flags: ProgramFlags,
-    bounds: str,
-) -> None:
+def compensate_folder(task: ProgramTask, folder: str) -> None:
     """The same for all programs of a folder; those of one language are treated as one program.
 
     All files are written or none.
     """
     from calibtool.programs.compensate import compensate_texts
 
+    flags, output, report = task.flags, task.output, task.flags.report
     if output == STREAM:
         raise UsageError(
             f"{folder}: is a folder; give another one for the corrected programs with -o"
@@ -114,7 +115,7 @@ def compensate_folder(
         raise UsageError(
             f"{output}: is the folder of the programs; give another one for the corrected ones"
         )
-    found = _programs(folder, kind, Path(output))
+    found = _programs(folder, flags.kind, Path(output))
     if not found:
         raise InputError(
             f"{folder}: holds no programs; give their format with --format, or other files"
@@ -124,11 +125,10 @@ def compensate_folder(
         languages.setdefault(language, []).append((path, data, True))
     looked_up = {other: read_bytes(other) for other in flags.with_ or []}
     results = []
-    report = flags.report
     outputs: dict[str, bytes | str] = {}
     for language, texts in languages.items():
         more = [(o, d, False) for o, d in looked_up.items() if recognised(o, d[:65536]) == language]
-        result = compensate_texts(calibration, [*texts, *more], language, options)
+        result = compensate_texts(task.calibration, [*texts, *more], language, task.options)
         results.append(result)
         for (path, _, _), text in zip(texts, result.texts, strict=False):
             outputs[str(Path(output) / Path(path).relative_to(folder))] = text
@@ -139,12 +139,12 @@ def compensate_folder(
             )
         first, *rest = [result.report() for result in results]
         outputs[report] = first + "".join(text.partition("\n")[2] for text in rest)
-    _write_folder(outputs, output, report, force)
+    _write_folder(outputs, output, report, task.force)
     for language, result in zip(languages, results, strict=True):
-        _tell(f"{folder} ({language})", result)
-    message(bounds)
+        _print_summary(f"{folder} ({language})", result)
+    message(task.bounds)
     wrote(output, count_of(len(outputs) - (report is not None), "corrected program"))
-    _check_whole(results, folder, flags.partial)
+    _check_complete(results, folder, flags.partial)
 
 
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
@@ -181,7 +181,7 @@ def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, st
 def _write_folder(
     outputs: dict[str, bytes | str], output: str, report: str | None, force: bool
 ) -> None:
-    """Write files into folders that are made for them; those that are made go again if it fails."""
+    """Write files, and make their folders; a failure removes the folders that were made."""
     if Path(output).exists() and not Path(output).is_dir():
         raise UsageError(
             f"{output}: is no folder; the programs of a folder are written to another one"
@@ -204,15 +204,16 @@ def _write_folder(
                 folder.rmdir()
 
 
-def _tell(name: str, result: "CompensatedProgram") -> None:
+def _print_summary(name: str, result: "CompensatedProgram") -> None:
     for k, line in enumerate(result.summary(name)):
-        message(line, important=k > 0)  # after the counts: what was left, or must be checked
+        # The first line has the counts; the others tell what is not corrected or must be checked.
+        message(line, important=k > 0)
 
 
-def _check_whole(results: "list[CompensatedProgram]", name: str, partial: bool) -> None:
-    left = sum(result.inconsistent for result in results)
-    if left and not partial:
-        poses = "1 pose is" if left == 1 else f"{left} poses are"
+def _check_complete(results: "list[CompensatedProgram]", name: str, partial: bool) -> None:
+    uncorrected = sum(result.inconsistent for result in results)
+    if uncorrected and not partial:
+        poses = "1 pose is" if uncorrected == 1 else f"{uncorrected} poses are"
         raise NoSolutionError(
             f"{name}: {poses} left while others, to which the program moves too, are corrected: "
             "its path has steps there; what is corrected is written, but should not be run like "

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_live: "Progress | None" = (
-    None  # a loop within a loop gets a line below it: a terminal has one live display
-)
+# A terminal has one live display: a loop within a loop gets a line below it.
+_live: "Progress | None" = None
 
 
 def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = None) -> Iterator[T]:

@@ -7,7 +7,7 @@ import typer
 from calibtool.cli.files import check_output, message, write_output, write_stdout, wrote
 from calibtool.cli.input_files import RobotOptions, say_doubts
 from calibtool.cli.options import Force, Json
-from calibtool.cli.printing import lines, print_json
+from calibtool.cli.printing import print_json, print_summary
 from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
@@ -94,4 +94,4 @@ def _show(value: dict[str, object], json: bool) -> None:
     if json:
         print_json(value)
     else:
-        write_stdout(("\n".join(lines(value)) + "\n").encode())
+        print_summary(value)

@@ -2,12 +2,12 @@
 
 import contextlib
 import sys
-from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
+from typing import TYPE_CHECKING, Annotated, BinaryIO, cast
 
 import typer
 
 from calibtool.cli.calibration_options import CalibrationOptions
-from calibtool.cli.files import STREAM, message, shown
+from calibtool.cli.files import STREAM, message, shown, write_stdout
 from calibtool.cli.input_files import say_doubts
 from calibtool.cli.options import (
     CalibrationFile,
@@ -20,6 +20,7 @@ from calibtool.cli.options import (
     joint_values_of,
     largest_change,
 )
+from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
 ROWS = ("ndjson", "binary")
 LOOPBACK = "127.0.0.1"
-_LONGEST = 100_000  # bytes of a line
-_WARM = 20  # corrections before the first row, so that everything is loaded
+_LONGEST = 100_000  # bytes that a line may have
+_WARM = 20  # number of corrections before the first row, so that everything is loaded
 
 
 def serve(
@@ -78,11 +79,7 @@ def serve(
     """
     choice(rows, ROWS, "--rows")
     if calibration == STREAM and port is None:
-        from calibtool.errors import UsageError
-
         raise UsageError("stdin holds the rows; give the calibration as a file, or use --port")
-    from typing import cast
-
     from calibtool.compensation.row_by_row import Live, RowKind
     from calibtool.compensation.solve import Method
     from calibtool.compensation.targets import OutsidePolicy
@@ -103,7 +100,7 @@ def serve(
         warmed.corrected(loaded.robot.serial_as(whose, loaded.q[:1])[0])
     kind = cast(RowKind, rows)
     if port is None:
-        answer_rows(live(), kind, _binary_stdin(), _stdout_writer())
+        answer_rows(live(), kind, sys.stdin.buffer, write_stdout)
         return
     _serve_socket(port, kind, live)
 
@@ -136,8 +133,6 @@ def _serve_socket(port: int, kind: "RowKind", live: "Callable[[], Live]") -> Non
         daemon_threads = True
         allow_reuse_address = True
 
-    from calibtool.errors import UsageError
-
     try:
         server = Server((LOOPBACK, port), Client)
     except OSError as error:
@@ -147,13 +142,3 @@ def _serve_socket(port: int, kind: "RowKind", live: "Callable[[], Live]") -> Non
     with server, contextlib.suppress(socket.error):
         message(f"serving {LOOPBACK}:{server.server_address[1]} until ended", important=True)
         server.serve_forever()
-
-
-def _binary_stdin() -> Any:
-    return sys.stdin.buffer
-
-
-def _stdout_writer() -> "Callable[[bytes], None]":
-    from calibtool.cli.files import write_stdout
-
-    return write_stdout

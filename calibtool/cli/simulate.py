@@ -1,6 +1,6 @@
 """calibtool simulate: measure a perturbed robot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +16,8 @@ from calibtool.cli.options import (
     Seed,
     WorkspaceName,
     choice,
+    comma_numbers,
+    finite,
     joint_values_of,
 )
 from calibtool.cli.progress import working
@@ -65,8 +67,8 @@ class ErrorOptions:
     def check_finite(self) -> None:
         """UsageError for a size that is no finite number."""
         for name, size in vars(self).items():
-            if name != "errors" and not isfinite(size):
-                raise UsageError(f"--{name.replace('_', '-')}: {size} is no finite number")
+            if name != "errors":
+                finite(size, f"--{name.replace('_', '-')}")
 
     def scales(self) -> "ErrorScales":
         """The same for the library; UsageError for an unknown kind of error."""
@@ -174,10 +176,7 @@ def simulate(
             "--commanded belongs to --at: those joints are corrected for these targets"
         )
     sizes.check_finite()
-    if not isfinite(noise_mm):
-        raise UsageError(f"--noise-mm: {noise_mm} is no finite number")
-    from dataclasses import replace
-
+    finite(noise_mm, "--noise-mm")
     from calibtool.compensation.targets import read_configurations
     from calibtool.measurement.importing.commanded_targets import commanded_poses
     from calibtool.measurement.instruments import INSTRUMENTS
@@ -216,7 +215,7 @@ def simulate(
         text = read_text(at)
         inputs["at"] = text.encode()
         q_at = read_configurations(text, shown(at), model, values)
-    asked = None
+    poses = None
     if commanded is not None and at is not None and q_at is not None:
         text = read_text(commanded)
         inputs["commanded"] = text.encode()
@@ -224,7 +223,7 @@ def simulate(
         if len(table) != len(q_at):
             counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
             raise InputError(f"{shown(commanded)}: {counts}")
-        asked = commanded_poses(table, model, values)
+        poses = commanded_poses(table, model, values)
     count = configurations if q_at is None else len(q_at)
     with working(f"simulating {count} configurations"):
         measurements = run(
@@ -245,7 +244,7 @@ def simulate(
                 gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
-    measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
+    measurements = replace(measurements, commanded=poses, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
     wrote(output, measurements_words(measurements))
 
@@ -254,10 +253,7 @@ def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] 
     """One number, or the two ends of a range."""
     if text is None:
         return None
-    try:
-        ends = [float(part) for part in text.split(",")]
-    except ValueError:
-        ends = []
+    ends = comma_numbers(text)
     if len(ends) not in (1, 2) or not all(isfinite(end) and end >= lowest for end in ends):
         raise UsageError(
             f"{option}: '{text}' is not one number, or two with a comma, of at least {lowest:g}"

@@ -8,12 +8,21 @@ import typer
 
 from calibtool.atomic_output import weaker
 from calibtool.cli.evaluate import change
-from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output, wrote
-from calibtool.cli.identify import report_target
+from calibtool.cli.files import (
+    HDF5,
+    STREAM,
+    check_output,
+    message,
+    read_text,
+    shown,
+    write_output,
+    wrote,
+)
 from calibtool.cli.interrupts import interruptible
-from calibtool.cli.options import Force, Json
+from calibtool.cli.options import Force, Json, report_target
 from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import counted
+from calibtool.errors import CalibtoolError, InputError, UsageError
 from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
@@ -133,7 +142,6 @@ def study(
     Example: calibtool study planar-3r --runs 4 --fresh 50 -o study.csv
     """
     target = report_target(output, json)
-    from calibtool.errors import UsageError
     from calibtool.evaluation.study import Study
 
     if cluster is not None and workers is not None:
@@ -176,8 +184,6 @@ def _perform(
     force: bool,
 ) -> "StudyTable":
     """Perform what is not finished yet, and write the table. cluster: address and TLS files."""
-
-    from calibtool.errors import CalibtoolError
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
@@ -242,7 +248,7 @@ def _definition(plan: str | None) -> "Definition":
 
 
 def _is_hdf5(path: str) -> bool:
-    return path.lower().endswith((".h5", ".hdf5"))
+    return path.lower().endswith(HDF5)
 
 
 def _contents(path: str, study: "Study", table: "StudyTable") -> bytes | str:
@@ -257,8 +263,6 @@ def _finished(study: "Study", path: str, force: bool) -> "StudyTable | None":
     """The table of this very study when it is there already; UsageError when the file holds
     something else, unless it may be overwritten.
     """
-    from calibtool.errors import InputError, UsageError
-
     if not Path(path).is_file():
         return None
     try:
@@ -294,7 +298,7 @@ def _read_table(path: str) -> "StudyTable":
 
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:
-    """JSON on stdout, or medians and 5-95 % quantiles for people; failures are told either way."""
+    """JSON on stdout, or medians and 5-95 % quantiles for people; failures are always printed."""
     from calibtool.evaluation.study.statistics import study_summary
 
     summary = study_summary(table)

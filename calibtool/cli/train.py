@@ -1,13 +1,14 @@
 """calibtool train: a learned model on a base model."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
 from calibtool.cli.base_model_options import BaseModelOptions
 from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
-from calibtool.cli.identify import fit_words, report_calibration, report_target
+from calibtool.cli.identify import fit_words, report_calibration
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -22,9 +23,11 @@ from calibtool.cli.options import (
     ReportingOutput,
     Seed,
     choice,
+    report_target,
 )
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
+from calibtool.errors import UsageError
 
 
 def train(
@@ -103,9 +106,6 @@ def train(
     one_stdin(measurements, base)
     choice(loss, ("task", "joint"), "--loss")
     choice(optimizer, ("lm", "gd"), "--optimizer")
-    from dataclasses import replace
-    from typing import cast
-
     import numpy as np
 
     from calibtool.calibration import BASE_MODELS, Calibration
@@ -114,7 +114,6 @@ def train(
     from calibtool.calibration.learning_curve import learning_curve as curve_of
     from calibtool.equivalent.optimisers import Optimiser
     from calibtool.equivalent.training import LossName, Regularisation, TrainingOptions
-    from calibtool.errors import UsageError
     from calibtool.storage import to_bytes
     from calibtool.summary import learning_curve_lines, learning_curve_summary
 

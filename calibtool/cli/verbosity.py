@@ -38,7 +38,7 @@ def seconds() -> float:
 
 
 def tell(lines: list[str]) -> None:
-    """Lines on stderr; when nobody reads it any more, this and all that follows is dropped."""
+    """Lines on stderr; when stderr is closed, this and all later lines are dropped."""
     try:
         print("\n".join(lines), file=sys.stderr, flush=True)  # noqa: T201
     except OSError:

@@ -8,7 +8,8 @@ import typer
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output, wrote
 from calibtool.cli.input_files import in_frame
 from calibtool.cli.interrupts import interruptible
-from calibtool.cli.options import Force, FrameOption
+from calibtool.cli.options import Force, FrameOption, finite
+from calibtool.errors import InputError, UsageError
 from calibtool.units import count_of
 
 if TYPE_CHECKING:
@@ -62,9 +63,7 @@ def view(
         check_output(html, force, suffixes=(".html", ".htm"))
     folders = [Path(folder) for folder in meshes or []]
     import io
-    from math import isfinite
 
-    from calibtool.errors import UsageError
     from calibtool.evaluation.view.scene import scene_of
     from calibtool.evaluation.view.scene_page import page_of
     from calibtool.storage import read_any
@@ -73,8 +72,8 @@ def view(
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--meshes: {folder}: no such folder")
-    if magnify is not None and not isfinite(magnify):
-        raise UsageError(f"--magnify: {magnify} is no finite number")
+    if magnify is not None:
+        finite(magnify, "--magnify")
     contents = read_any(io.BytesIO(read_bytes(file)), shown(file))
     if frame is not None:
         contents = in_frame(contents, frame, shown(file))
@@ -109,7 +108,6 @@ def view(
 def _shape(robot: "Robot", folders: list[Path], copies: Path) -> "pin.GeometryModel":
     """The visual geometry of the URDF; simple solids, with the reason, where it is not
     available."""
-    from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 
     if robot.chain.tree is not None:  # meshes are placed along serial chains

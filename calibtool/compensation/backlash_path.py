@@ -1,7 +1,10 @@
 """Backlash along a path: additional joint motion by the direction in which each joint moves."""
 
+from typing import Self
+
 import numpy as np
 
+from calibtool.calibration import Calibration
 from calibtool.errormodel.operating_conditions import directions, last_moved
 from calibtool.robot.se3 import Array
 
@@ -16,6 +19,12 @@ class BacklashPath:
         self.backlash, self.lower, self.upper = backlash, lower, upper
         self._last: Array | None = None
         self._direction: Array | None = None
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> Self | None:
+        """For the backlash and the joint limits of a calibrated robot; None without backlash."""
+        widths, robot = calibration.base.errors["backlash"], calibration.robot
+        return cls(widths, robot.lower, robot.upper) if widths.any() else None
 
     def taken_up(self, corrected: Array) -> Array:
         """Half width times direction (N, n), to be added to corrected joint positions (N, n) in

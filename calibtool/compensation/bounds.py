@@ -35,7 +35,7 @@ class Bounds:
         commanded outside its limits, by more than a rounding error of 1e-9.
         """
         most = self.of_joints(robot)
-        inside = (q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)
+        inside = robot.joints_within_limits(q)
         lower = np.where(inside, np.maximum(-most, np.minimum(0.0, robot.lower - q)), -most)
         upper = np.where(inside, np.minimum(most, np.maximum(0.0, robot.upper - q)), most)
         return lower, upper

@@ -9,9 +9,10 @@ from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, judged
 from calibtool.compensation.one_step import REACHED, Linearised, default_bounds
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, damped_step, times
-from calibtool.compensation.weighted_error import Task, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
+from calibtool.robot.singularity import weighted_jacobian
 
 _ITERATIONS = 100
 _CONVERGED = 1e-12  # rad, or characteristic lengths: the error at which the search ends
@@ -204,7 +205,7 @@ class _Search:
         robot = self.calibration.robot
         pose, jacobian = self.calibration.forward_and_jacobian(self.q[rows] + change)
         commanded = self.commanded[rows]
-        error = weighted_error(pose, commanded, robot.length)
+        error = pose_difference(pose, commanded, robot.length)
         weighted = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
         return task.of_error(error, commanded), task.of_jacobian(weighted, commanded)
 

@@ -15,8 +15,8 @@ from calibtool.compensation.status import (
     UNCORRECTED,
 )
 from calibtool.compensation.step import DAMPED_BELOW
-from calibtool.compensation.weighted_error import Task, weighted_error
-from calibtool.robot.se3 import Array
+from calibtool.compensation.weighted_error import Task
+from calibtool.robot.se3 import Array, pose_difference
 
 # A change is shortened where it is longer than this times the best length along it
 _OVERSHOOT = 1.5
@@ -91,7 +91,7 @@ def judged(
 
     def driven(rows: np.ndarray | slice, t: Array) -> Array:
         pose = calibration.forward(q[rows] + t[:, None] * change[rows])
-        return weighted_error(pose, commanded[rows], robot.length)
+        return pose_difference(pose, commanded[rows], robot.length)
 
     error = driven(slice(None), np.ones(len(q))) if error is None else error.copy()
     before = task.products(proposal.error, proposal.error, commanded)

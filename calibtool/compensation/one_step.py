@@ -9,11 +9,12 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, Proposal, judged
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, times
-from calibtool.compensation.weighted_error import Task, Weights, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task, Weights
 from calibtool.errors import UsageError
-from calibtool.robot.se3 import Array, exp6
+from calibtool.robot.se3 import Array, exp6, pose_difference
+from calibtool.robot.singularity import weighted_jacobian
 
-REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
+REACHED = 1e-9  # rad, or characteristic lengths: a smaller error counts as none
 _USUAL = 3.0  # times the median remaining error: rows with more are not fully corrected
 _COST_OF_TASK = 0.75  # largest share of the gain of the whole pose error that the task may cost
 
@@ -95,7 +96,7 @@ class Linearised:
             pose, jacobian = calibration.forward_and_jacobian(q)
         if commanded is None:
             commanded = robot.mechanism.forward(q) if nominal is None else nominal
-        e = weighted_error(pose, commanded, robot.length)
+        e = pose_difference(pose, commanded, robot.length)
         J = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
         of_task = task.of_jacobian(J, commanded), task.of_error(e, commanded)
         return cls(q, commanded, task, e, J, of_task, bounds.box(robot, q), network)
@@ -153,7 +154,9 @@ def default_bounds(
     robot, known = calibration.robot, calibration.q[calibration.closes(calibration.q)]
     anywhere = robot.anywhere(500, np.random.default_rng(0))
     anywhere = anywhere[calibration.closes(anywhere)]
-    error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
+    error = pose_difference(
+        calibration.forward(known), robot.mechanism.forward(known), robot.length
+    )
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)
     medians = np.min([_median_remaining(calibration, q, bounds) for q in (known, anywhere)], axis=0)

@@ -25,7 +25,7 @@ RowKind = Literal["ndjson", "binary"]
 NOT_FINITE = "not-finite"
 # Statuses of a binary row: its last number is the index in this list.
 STATUSES = (OK, NOT_FINITE, *MEANING)
-_LARGEST = 1e6  # rad or m: beyond it a position is nonsense
+_LARGEST = 1e6  # rad or m: larger positions get the status `not-finite`
 
 
 class Live:
@@ -47,16 +47,13 @@ class Live:
         self._calibration, self._method, self._outside = calibration, method, outside
         self._bounds = default_bounds(calibration, largest_change)
         self._path = CorrectionPath(self.robot)
-        widths = calibration.base.errors["backlash"]
-        self._backlash = None
-        if backlash and widths.any():
-            self._backlash = BacklashPath(widths, self.robot.lower, self.robot.upper)
+        self._backlash = BacklashPath.of(calibration) if backlash else None
         self._layouts: dict[tuple[str, ...], tuple[list[str], Array]] = {}
 
     def corrected(self, q: Array) -> tuple[Array, str]:
         """Joint positions to command for q (n,), rad or m, and the status of the row.
 
-        Positions that are not finite, or beyond 1e6 rad or m, come back as they are.
+        Positions that are not finite, or beyond 1e6 rad or m, are returned unchanged.
         """
         if not (np.abs(q) < _LARGEST).all():
             return q, NOT_FINITE
@@ -110,11 +107,11 @@ class Live:
         if names not in self._layouts:
             found: dict[int, tuple[str, float]] = {}
             for name in names:
-                plain, said = without_values(name)
+                plain, which_values = without_values(name)
                 if plain.split("_")[0] not in {f"j{j + 1}" for j in range(self.robot.n)}:
                     continue
                 joint, factor = joint_and_factor(plain, self.robot.prismatic, "row")
-                if joint in found or said not in (None, self.values):
+                if joint in found or which_values not in (None, self.values):
                     raise InputError(f"'{name}': joint {joint + 1} twice, or not {self.values}")
                 found[joint] = (name, factor)
             missing = [self.robot.columns(None)[j] for j in range(self.robot.n) if j not in found]

@@ -38,8 +38,8 @@ class Compensation:
 
     def __repr__(self) -> str:
         counts = Counter(self.status.tolist())
-        told = ", ".join(f"{count} {status}" for status, count in counts.most_common())
-        return f"<Compensation of {len(self.q)} rows: {told}>"
+        statuses = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+        return f"<Compensation of {len(self.q)} rows: {statuses}>"
 
 
 def compensate_joints(

@@ -3,13 +3,14 @@
 import numpy as np
 
 from calibtool.robot.se3 import Array
-from calibtool.robot.singularity import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.singularity import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE, rows_last
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
-_PASSES = 3  # times that a joint outside the box is held at its face and the others solved again
+# Number of times that a joint outside the box is held at its face and the others solved again
+_PASSES = 3
 _FEW = 1e-6  # λ² where fewer than six joints are free and G is singular
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
-_TOGETHER = 1024  # rows: their matrices stay in the processor's cache
+_TOGETHER = 1024  # number of rows whose matrices stay in the processor's cache
 
 
 def bounded_step(
@@ -45,14 +46,10 @@ def bounded_step(
     """
     change, distance, squares = np.empty(lower.shape), np.empty(len(lower)), np.empty(len(lower))
     for rows in _parts(len(lower)):
-        A, e, box = (
-            _last(jacobian[rows]),
-            _last(error[rows]),
-            (_last(lower[rows]), _last(upper[rows])),
-        )
+        A, e, low, high = (rows_last(part[rows]) for part in (jacobian, error, lower, upper))
         inverse, distance[rows], damped = _damped(A)
-        found = _solution(A, inverse, damped, e) if proposed is None else _last(proposed[rows])
-        found, squares[rows] = _inside(A, e, damped, found, *box)
+        found = _solution(A, inverse, damped, e) if proposed is None else rows_last(proposed[rows])
+        found, squares[rows] = _inside(A, e, damped, found, low, high)
         change[rows] = found.T
     return change, distance, squares
 
@@ -67,13 +64,9 @@ def damped_step(
     """Δ (N, n) of `bounded_step`, S once, by a given λ² = squares (N,), beside held joints too."""
     change = np.empty(lower.shape)
     for rows in _parts(len(lower)):
-        A, e, box = (
-            _last(jacobian[rows]),
-            _last(error[rows]),
-            (_last(lower[rows]), _last(upper[rows])),
-        )
+        A, e, low, high = (rows_last(part[rows]) for part in (jacobian, error, lower, upper))
         found = _once(A, _inverse_factor(A, squares[rows]), e)
-        change[rows] = _inside(A, e, squares[rows], found, *box, given=True)[0].T
+        change[rows] = _inside(A, e, squares[rows], found, low, high, given=True)[0].T
     return change
 
 
@@ -194,11 +187,6 @@ def _product(matrices: Array, vectors: Array) -> Array:
     for j in range(1, len(vectors)):
         product += matrices[:, j] * vectors[j]
     return product
-
-
-def _last(rows: Array) -> Array:
-    """Rows first to rows last, (N, …) → (…, N), a contiguous copy."""
-    return np.ascontiguousarray(np.moveaxis(rows, 0, -1))
 
 
 def _parts(count: int) -> list[slice]:

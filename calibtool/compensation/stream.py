@@ -41,7 +41,7 @@ from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
-_ALONE = 16  # batches before other processes help: starting them takes as long as these
+_ALONE = 16  # number of batches before other processes help: starting them takes as long as these
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17
@@ -112,7 +112,7 @@ class StreamReport:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Batch:
     """A batch as read: joints, poses (T_base_tool and their columns), and objects of its rows."""
 
     table: Table
@@ -155,10 +155,10 @@ def compensate_stream(
     else:
         tables = ((table, []) for table in read_tables(lines, name, batch=options.batch))
     first = True
-    for asked, result in _answered(corrector, tables, options.workers):
-        corrected = corrector.corrected(asked, result)
+    for batch, result in _answered(corrector, tables, options.workers):
+        corrected = corrector.corrected(batch, result)
         if row_format == "ndjson":
-            yield objects_text(corrected, asked.objects)
+            yield objects_text(corrected, batch.objects)
         else:
             yield csv_text(corrected, first)
         first = False
@@ -168,11 +168,11 @@ def _answered(
     corrector: "_Corrector",
     tables: Iterable[tuple[Table, list[dict[str, object]]]],
     workers: int,
-) -> Iterator[tuple[_Asked, Compensation]]:
+) -> Iterator[tuple[_Batch, Compensation]]:
     """Every batch and its corrections, in order. Poses without joints are a path: each batch
     starts where the one before ends. Other batches may be computed in parallel.
     """
-    read = (corrector.asked(table, objects) for table, objects in tables)
+    read = (corrector.batch(table, objects) for table, objects in tables)
     first = next(read, None)
     if first is None:
         return
@@ -181,7 +181,7 @@ def _answered(
         for batch in batches:
             yield batch, corrector.compute(batch.targets(corrector.seed))
         return
-    waiting: deque[_Asked] = deque()
+    waiting: deque[_Batch] = deque()
 
     def targets() -> Iterator[_Targets]:
         for batch in batches:
@@ -208,10 +208,10 @@ def _corrections(
     method: Method,
     outside: OutsidePolicy,
     bounds: Bounds,
-    asked: _Targets,
+    targets: _Targets,
 ) -> Compensation:
     """`guarded` for a batch, as other processes can call it."""
-    return guarded(calibration, *asked, method, outside, bounds)
+    return guarded(calibration, *targets, method, outside, bounds)
 
 
 class _Corrector:
@@ -225,13 +225,9 @@ class _Corrector:
         bounds = default_bounds(calibration, options.largest_change, options.weights)
         self.compute = partial(_corrections, calibration, options.method, options.outside, bounds)
         self.correction = CorrectionPath(calibration.robot)
-        backlash = calibration.base.errors["backlash"]
-        self.path = None
-        if options.backlash and backlash.any():
-            robot = calibration.robot
-            self.path = BacklashPath(backlash, robot.lower, robot.upper)
+        self.path = BacklashPath.of(calibration) if options.backlash else None
 
-    def asked(self, table: Table, objects: list[dict[str, object]]) -> _Asked:
+    def batch(self, table: Table, objects: list[dict[str, object]]) -> _Batch:
         """The targets of a table. InputError where it has none, or was written by compensate."""
         joints = joints_from_header(table, self.calibration.robot, self.options.joint_values)
         poses = poses_from_header(table)
@@ -243,12 +239,12 @@ class _Corrector:
                     f"{table.name}: a column '{column}' is there already; is this an output "
                     "of compensate?"
                 )
-        return _Asked(table, joints, poses, objects)
+        return _Batch(table, joints, poses, objects)
 
-    def corrected(self, asked: _Asked, result: Compensation) -> CorrectedRows:
+    def corrected(self, batch: _Batch, result: Compensation) -> CorrectedRows:
         """The batch to write; updates remarks and the last joints."""
         robot, options = self.calibration.robot, self.options
-        table, joints, poses = asked.table, asked.joints, asked.poses
+        table, joints, poses = batch.table, batch.joints, batch.poses
         values = (
             robot.joint_values(table.name, options.joint_values)
             if joints is None

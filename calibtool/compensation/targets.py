@@ -22,7 +22,7 @@ from calibtool.tables import Table, parse_table
 
 OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")
-_NAMED = 8  # columns shown of a header that is not understood
+_NAMED = 8  # number of columns that are shown of a header without targets
 
 
 def read_configurations(

@@ -1,4 +1,4 @@
-"""The weighted pose error, which corrections reduce and by which they are judged."""
+"""The components of the weighted pose error that corrections reduce."""
 
 from dataclasses import dataclass
 
@@ -6,29 +6,9 @@ import numpy as np
 
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
 from calibtool.errors import UsageError
-from calibtool.robot.se3 import Array, log3
-from calibtool.robot.singularity import at_point
+from calibtool.robot.se3 import Array
 
 Weights = tuple[float, ...]
-
-
-def weighted_error(pose: Array, commanded: Array, length: float) -> Array:
-    """e = ((p − p_c) / length, log3(R R_cᵀ)) in K_0, rad: displacement of the tool point, rotation.
-
-    pose and commanded (N, 4, 4) T_base_tool, length (m) the robot's characteristic one: (N, 6).
-    """
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    return np.concatenate([(pose[:, :3, 3] - commanded[:, :3, 3]) / length, turn], axis=-1)
-
-
-def weighted_jacobian(jacobian: Array, pose: Array, length: float) -> Array:
-    """∂e/∂q to first order: a spatial Jacobian in K_0 (N, 6, c) seen at the tool point of `pose`.
-
-    pose (N, 4, 4), length in m as for `weighted_error`.
-    """
-    result = at_point(jacobian, pose[:, :3, 3])
-    result[:, :3] /= length
-    return result
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """The kinematic model of a controller: read from a file and compared with the nominal robot."""
 
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,16 +18,15 @@ from calibtool.robot.denavit_hartenberg import (
 from calibtool.robot.description import ToleranceTable
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, inverse, log3
-from calibtool.robot.universal_robots import SECTION, changes_model, frames_model
+from calibtool.robot.se3 import Array, inverse, pose_distances
+from calibtool.robot.universal_robots import SECTION, changes_model, frames_model, is_changes
+from calibtool.robot.ur_frames import is_frames
 
 # The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
 PLAUSIBLE_PART = 0.01  # of the sum of link lengths
 PLAUSIBLE_TURN = 30e-3  # rad
 _CONFIGURATIONS = 500
-_LARGEST = 100_000  # characters of a calibration or table
-_CONF = re.compile(rf"^[ \t]*(?:\[{SECTION}\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
-_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
+_LARGEST = 100_000  # number of characters that a calibration or table may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,11 @@ def _kind(text: str, name: str) -> str:
         return "urdf"
     if is_offsets(text):
         return "offsets"
-    if _CONF.search(text):
+    if is_changes(text):
         return "changes"
     if is_dh(text):
         return "dh"
-    if _YAML.search(text) or name.endswith((".yaml", ".yml")):
+    if is_frames(text) or name.endswith((".yaml", ".yml")):
         return "frames"
     raise InputError(
         f"{name}: no model of a controller; expected a URDF, the YAML of the UR driver "
@@ -184,9 +182,8 @@ def _poses(model: Robot, robot: Robot) -> tuple[Array, Array]:
 
 def _largest(a: Array, b: Array) -> tuple[float, float]:
     """Largest distance and turn between poses (N, 4, 4), m and rad."""
-    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
-    distance = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
-    return float(distance.max()), float(np.linalg.norm(turn, axis=-1).max())
+    position, orientation = pose_distances(a, b)
+    return float(position.max()), float(orientation.max())
 
 
 def _constant(model: Robot, robot: Robot) -> str:

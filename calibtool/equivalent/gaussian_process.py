@@ -13,14 +13,17 @@ from calibtool.equivalent.optimisers import History
 from calibtool.equivalent.regressor import Regressor
 from calibtool.robot.se3 import Array, readonly
 
-_EQUATIONS = 2000  # exact up to so many (configurations times joint motion errors)
-_JUDGED = 100  # configurations on which kernels are compared
-_LENGTHS = (0.3, 0.5, 0.8, 1.3, 2.0)  # of the kernel, in half ranges of the training
-_SMALLEST_RANGE = 0.1  # rad or m, half: less is no reason to call configurations different
-_SIZES = np.geomspace(0.01, 3.0, 12)  # over the typical joint motion errors
-_NOISES = np.array([0.3, 0.5, 0.7, 0.85, 1.0])  # over the rms of the residuals
+# Largest number of equations (configurations times joint motion errors) of the exact solution
+_EQUATIONS = 2000
+_JUDGED = 100  # number of configurations on which kernels are compared
+# Lengths of the kernel that are tried, in half ranges of the training
+_LENGTHS = (0.3, 0.5, 0.8, 1.3, 2.0)
+_SMALLEST_RANGE = 0.1  # rad or m: smallest half range by which configurations are scaled
+_SIZES = np.geomspace(0.01, 3.0, 12)  # sizes that are tried, over the typical joint motion errors
+# Noises that are tried, over the rms of the residuals
+_NOISES = np.array([0.3, 0.5, 0.7, 0.85, 1.0])
 _CLEAR = 3.0  # nats by which a Gaussian process must make the residuals more probable
-_NUGGET = 1e-6  # of the kernel: equal configurations stay apart in rounding
+_NUGGET = 1e-6  # of the kernel: keeps its matrix regular where configurations are equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +84,7 @@ class GaussianProcess(Regressor):
         squares = np.zeros((len(self.points), len(q)))
         for own, there in zip(self.points.T, s, strict=True):
             squares += (own[:, None] - there) ** 2
-        result: Array = np.exp(-0.5 * squares)
-        return result
+        return np.exp(-0.5 * squares)
 
 
 def fit_gaussian_process(loss: Loss, output_scale: Array, points: int | None = None) -> BayesianRun:

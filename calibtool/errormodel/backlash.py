@@ -3,7 +3,6 @@
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
@@ -13,17 +12,15 @@ class Backlash(JointFunctions):
 
     id, symbol, ascii, kind = "backlash", "backlash", "backlash", "backlash"
     words, unit, size = "backlash", "rad or m", 0.1e-3
+    expected = 0.2e-3
     meaning = "half width w, −w times the direction of motion"
     needs = "from which side the joints came"
     positive = True
 
-    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return np.full(shape, tolerances.of.get(self.id, 0.2e-3))
-
     def known(self, rows: Rows) -> bool:
         return rows.conditions.direction is not None
 
-    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+    def describe(self, robot: Robot, value: Array, free: np.ndarray) -> str:
         return f"backlash {backlash_text(robot, value)} half width"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:

@@ -21,7 +21,7 @@ from calibtool.robot.screw_joint import across
 from calibtool.robot.se3 import Array, readonly
 
 _SAMPLES = 500
-_LOADED = 1e-6  # of the largest moment of any joint: less is rounding
+_LOADED = 1e-6  # of the largest moment of any joint: smaller moments are rounding
 
 
 class Bending(Family):
@@ -58,8 +58,7 @@ class Bending(Family):
     def turn(self, value: Array, rows: Rows) -> Array | float:
         if not value.any():
             return 0.0
-        turns: Array = (directions(rows.robot) @ (value * moments(rows))[..., None])[..., 0]
-        return turns
+        return (directions(rows.robot) @ (value * moments(rows))[..., None])[..., 0]
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
         """To first order: turns about the origin of F0_j; its other errors are neglected."""
@@ -68,10 +67,9 @@ class Bending(Family):
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
         largest = largest_moment(robot)
-        value: Array = np.where(
+        return np.where(
             self.free(robot, self.shape(robot.n)), sizes.size / np.maximum(largest, 1e-12), 0.0
         )
-        return value
 
 
 def moments(rows: Rows) -> Array:

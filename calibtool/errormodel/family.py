@@ -113,6 +113,7 @@ class Family(ABC):
     meaning formula, for readers of a file
     unit    of the stored value, SI
     size    default magnitude of simulated errors, SI
+    expected  standard deviation of an element where the robot's tolerances do not state it, SI
     orders  orders from which evidence chooses; 0: none of its parameters
     always  whether it is identified by default
     needs   description of what the rows must contain for it to be identified
@@ -131,6 +132,7 @@ class Family(ABC):
     meaning: ClassVar[str]
     unit: ClassVar[str]
     size: ClassVar[float] = 0.0
+    expected: ClassVar[float] = 0.0
     orders: ClassVar[tuple[int, ...]] = (0, 1)
     always: ClassVar[bool] = False
     needs: ClassVar[str] = "joint positions"
@@ -145,9 +147,9 @@ class Family(ABC):
         """For how many joints a robot has a value: the actuated ones."""
         return robot.n
 
-    @abstractmethod
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
-        """Shape of the value for n joints."""
+        """Shape of the value for n joints, by default (n,)."""
+        return (n,)
 
     def value(self, n: int, given: Array | None = None) -> Array:
         """Read-only value for n joints, zero by default. ValueError for another shape."""
@@ -164,17 +166,17 @@ class Family(ABC):
         """(*shape) bool: which elements are parameters."""
         return np.ones(shape, dtype=bool)
 
-    @abstractmethod
     def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
-        """One name per element, flat."""
+        """One name per element, flat; by default the symbol with the number of the joint."""
+        return [f"{symbol}{j + 1}" for j in range(shape[0])]
 
     def names_of(self, robot: Robot, shape: tuple[int, ...], symbol: str) -> list[str]:
         """The same for a robot, whose passive joints and cut frames have no numbers."""
         return self.names(shape, symbol)
 
-    @abstractmethod
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         """Prior standard deviations (*shape), SI."""
+        return np.full(shape, tolerances.of.get(self.id, self.expected))
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
         """(*shape) int: elements with the same number share one scale of tolerances."""
@@ -203,7 +205,7 @@ class Family(ABC):
         per_joint = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
         return np.full(shape, 1e3), per_joint
 
-    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+    def describe(self, robot: Robot, value: Array, free: np.ndarray) -> str:
         """Text about the family for the description of a model; free (*shape) bool."""
         return self.words
 
@@ -263,12 +265,6 @@ class JointFunctions(Family):
     The columns are those of the joint offset times the functions.
     """
 
-    def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
-        return (n,)
-
-    def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
-        return [f"{symbol}{j + 1}" for j in range(shape[0])]
-
     @abstractmethod
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:
         """f (N, n, k)."""
@@ -277,8 +273,7 @@ class JointFunctions(Family):
         if not value.any():
             return 0.0
         if value.ndim == 1:
-            result: Array = value * self.functions(value.shape, rows)[..., 0]
-            return result
+            return value * self.functions(value.shape, rows)[..., 0]
         return np.asarray((self.functions(value.shape, rows) * value).sum(axis=-1))
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:

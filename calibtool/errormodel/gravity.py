@@ -31,7 +31,7 @@ class Gravity(JointFunctions):
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return 1e3 * largest_torque(robot), ["mrad"] * robot.n
 
-    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+    def describe(self, robot: Robot, value: Array, free: np.ndarray) -> str:
         return f"gravity on {joint_list(free)}"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:

@@ -3,14 +3,13 @@
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
-FINE_ORDERS = (8, 16, 32, 64, 128)  # up to which fine structure goes, octave by octave
-_SECTIONS = 16  # more than a joint has
-_GEAR = 2  # harmonics of a simulated gear
+LOW_ORDERS = 3  # number of harmonics that eccentric gears cause
+FINE_ORDERS = (8, 16, 32, 64, 128)  # orders at which each octave of the fine structure ends
+_SECTIONS = 16  # more sections than a joint has
+_GEAR = 2  # number of harmonics of a simulated gear
 
 
 class Harmonics(JointFunctions):
@@ -18,6 +17,7 @@ class Harmonics(JointFunctions):
 
     id, symbol, ascii, kind = "harmonics", "", "", "gear"
     words, unit, size = "harmonics of the joint motions", "rad", 0.2e-3
+    expected = 0.3e-3
     meaning = "sin q, cos q, sin 2q … of δq"
     orders = tuple(range(LOW_ORDERS + 1))
     grows = False
@@ -39,9 +39,6 @@ class Harmonics(JointFunctions):
             for order in orders
             for f in ("sin", "cos")
         ]
-
-    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
         """Each low order for all joints together; higher orders by joint and octave."""
@@ -65,7 +62,7 @@ class Harmonics(JointFunctions):
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return np.full(shape, 1e3), ["mrad"] * (shape[0] * shape[1])
 
-    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+    def describe(self, robot: Robot, value: Array, free: np.ndarray) -> str:
         return f"{self.order(value.shape)} harmonics per joint"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:

@@ -16,12 +16,6 @@ class Offsets(Family):
     meaning = "δq added to the joint position"
     always = True
 
-    def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
-        return (n,)
-
-    def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
-        return [f"{symbol}{j + 1}" for j in range(shape[0])]
-
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         return tolerances.offsets(robot)
 

@@ -11,7 +11,6 @@ from calibtool.errormodel.family import (
     joint_list,
     sections_of_joints,
 )
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
@@ -28,6 +27,7 @@ class Pairs(JointFunctions):
 
     id, symbol, ascii, kind = "pairs", "pair", "pair", "gear"
     words, unit, size = "functions of pairs of joints", "rad", 0.0
+    expected = 0.3e-3
     meaning = "sin and cos of q_k + q_l and of q_k − q_l, of δq"
     orders = (0,)
     grows = False
@@ -54,9 +54,6 @@ class Pairs(JointFunctions):
             for wave in _WAVES
         ]
 
-    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
-
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
         return sections_of_joints(shape)
 
@@ -69,7 +66,7 @@ class Pairs(JointFunctions):
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return np.full(shape, 1e3), ["mrad"] * (shape[0] * shape[1])
 
-    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+    def describe(self, robot: Robot, value: Array, free: np.ndarray) -> str:
         return f"functions of pairs of joints on {joint_list(free)}"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:

@@ -15,7 +15,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.singularity import at_point
 
-_FULL = 10.0  # kg at which sizes and tolerances are stated
+_FULL = 10.0  # kg: the mass for which sizes and tolerances are stated
 # A joint counts as loaded when its moment reaches this part of the largest joint's
 _CARRIES_LOAD = 0.02
 _SAMPLES = 500
@@ -59,8 +59,7 @@ class Payload(Family):
     def motion(self, value: Array, rows: Rows) -> Array | float:
         if not (value[:, 0].any() and np.any(rows.payload)):
             return 0.0
-        result: Array = value[:, 0] * moments(rows)[0]
-        return result
+        return value[:, 0] * moments(rows)[0]
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
         """The bending to first order: a turn about the origin of F0_j, without its other errors."""
@@ -97,8 +96,7 @@ def _work(rows: Rows, jacobian: Array) -> Array:
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
     weight = np.broadcast_to(weight, tool.shape)
     gained = np.einsum("nki,nk->ni", at_point(jacobian, tool)[:, :3], weight)
-    result: Array = np.where(robot.prismatic, 0.0, gained)
-    return result
+    return np.where(robot.prismatic, 0.0, gained)
 
 
 @lru_cache

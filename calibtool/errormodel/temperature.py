@@ -3,7 +3,6 @@
 import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
@@ -15,6 +14,7 @@ class Temperature(Family):
 
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"
     words, unit, size = "thermal growth of the links", "1/K", STEEL_EXPANSION
+    expected = STEEL_EXPANSION
     meaning = "expansion of the link before each joint, and before the tool"
     by_row = True
     needs = "temperatures that differ"
@@ -29,12 +29,6 @@ class Temperature(Family):
     def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
         long: np.ndarray = np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1) > 1e-6
         return long
-
-    def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
-        return [f"{symbol}{j + 1}" for j in range(shape[0])]
-
-    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return np.full(shape, tolerances.of.get(self.id, STEEL_EXPANSION))
 
     def known(self, rows: Rows) -> bool:
         """A constant temperature cannot be distinguished from a placement error."""

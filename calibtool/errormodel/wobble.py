@@ -10,7 +10,6 @@ from calibtool.errormodel.family import (
     sections_of_joints,
     turn_columns,
 )
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.robot import Robot
 from calibtool.robot.screw_joint import across
 from calibtool.robot.se3 import Array
@@ -26,6 +25,7 @@ class Wobble(Family):
 
     id, symbol, ascii, kind = "wobble", "wobble", "wobble", "wobble"
     words, unit, size = "wobble of the axes", "rad", 0.1e-3
+    expected = 0.3e-3
     meaning = "turn of F0_j across the axis: u sin q, u cos q, v sin q, v cos q"
     by_row, turns, grows = True, True, False
 
@@ -39,9 +39,6 @@ class Wobble(Family):
     def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
         parts = ("u.sin", "u.cos", "v.sin", "v.cos")
         return [f"{symbol}{j + 1}.{part}" for j in range(shape[0]) for part in parts]
-
-    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
         return sections_of_joints(shape)

@@ -82,8 +82,8 @@ def broken_limits(
             if found is None:
                 broken.append(f"{place}: {_missing(limit, test)}, so the limit cannot be judged")
             elif not found <= limit.value:  # NaN does not meet a limit
-                asked = f"the limit of {limit.value:g} {limit.unit}"
-                broken.append(f"{place} {found:.4g} {limit.unit} is above {asked}")
+                bound = f"the limit of {limit.value:g} {limit.unit}"
+                broken.append(f"{place} {found:.4g} {limit.unit} is above {bound}")
     return broken
 
 

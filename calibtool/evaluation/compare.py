@@ -22,7 +22,7 @@ from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, inverse, log3, log6, transform_points
+from calibtool.robot.se3 import Array, inverse, log6, pose_difference, transform_points
 
 _UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 
@@ -335,8 +335,8 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
 
 def _pose_errors(name: str, pose: Array, reference: Array) -> MethodErrors:
     """Displacements of the tool origin and rotations from reference poses (N, 4, 4)."""
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(reference[:, :3, :3], -1, -2))
-    return MethodErrors(name, (pose - reference)[:, None, :3, 3], turn)
+    difference = pose_difference(pose, reference)
+    return MethodErrors(name, difference[:, None, :3], difference[:, 3:])
 
 
 def _predicted(

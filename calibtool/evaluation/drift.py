@@ -18,7 +18,7 @@ from calibtool.units import three_digits
 _CAUTION = 2.0
 _ANYWHERE = 1.0  # m and rad: standard deviation of a base of which nothing is known
 _MOVED = 2e-4  # m, rad: expected size of a shift and a turn of base or tool
-_SLIP = 1e-3  # rad or m: the same of a joint
+_SLIP = 1e-3  # rad or m: expected size of a slip of a joint
 _ALIKE = 3.0  # causes with a smaller difference of evidence (a factor of 20) count as equally good
 
 
@@ -43,7 +43,7 @@ class Cause:
     rest: float
 
     @property
-    def said(self) -> str:
+    def change_text(self) -> str:
         """The change in words: `0.103 mm and 0.0120 deg`, `0.0502 ± 0.0030 deg`."""
         if len(self.change) == 0:
             return "no single cause"
@@ -88,7 +88,7 @@ class DriftCheck:
     def named(self) -> str:
         """The likely causes in words, and whether they explain the whole difference."""
         likely = self.causes[: self.likely]
-        text = " or ".join(f"{cause.name} ({cause.said})" for cause in likely)
+        text = " or ".join(f"{cause.name} ({cause.change_text})" for cause in likely)
         if max(cause.rest for cause in likely) >= self.false_alarm:
             verb = "the likely cause is" if self.likely == 1 else "likely causes are"
             return f"{verb} {text}"

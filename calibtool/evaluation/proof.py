@@ -19,13 +19,15 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
 from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.se3 import Array, log3, transform_points
+from calibtool.robot.se3 import Array, pose_difference, pose_distances, transform_points
 
 Before = Literal["measured", "expected"]
 
 _SAME_COMMAND = 1e-5  # m and rad: joints are written with four decimals of a degree
-_PLAUSIBLE = 0.5  # of the largest correction: driven joints farther from the calibration's own
-_SMALLEST = 3.0  # times the stated noise: smaller differences are accepted
+# of the largest correction: farther from the calibration's own joints, driven joints are not
+# plausible
+_PLAUSIBLE = 0.5
+_SMALLEST = 3.0  # times the stated noise: differences below this are accepted
 _LISTED = 5
 
 
@@ -108,8 +110,7 @@ def _expected(name: str, pose: Array, commanded: Array, setup: Setup) -> MethodE
     errors = point_errors(name, transform_points(pose, setup.targets), commanded, setup)
     if setup.kind.id == "points":
         return errors
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    return replace(errors, orientation=turn)
+    return replace(errors, orientation=pose_difference(pose, commanded)[:, 3:])
 
 
 def _commanded_alike(before: Measurements, commanded: Array) -> Array:
@@ -127,9 +128,8 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     earlier = before.commanded
     if earlier is None:
         earlier = before.robot.mechanism.forward(before.q)
-    apart = np.linalg.norm((earlier - commanded)[:, :3, 3], axis=-1)
-    turned = log3(earlier[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    wrong = np.flatnonzero(np.maximum(apart, np.linalg.norm(turned, axis=-1)) > _SAME_COMMAND)
+    apart, turned = pose_distances(earlier, commanded)
+    wrong = np.flatnonzero(np.maximum(apart, turned) > _SAME_COMMAND)
     if len(wrong):
         raise InputError(
             f"the measurements before the correction: row {wrong[0] + 1} was commanded "
@@ -150,9 +150,9 @@ def _check_driven(
     assert after.commanded is not None
     own = compensate_poses(calibration, after.commanded, after.q)
     judged = np.flatnonzero(np.isfinite(own.q).all(axis=-1))
-    asked = calibration.forward(own.q[judged])
+    predicted = calibration.forward(own.q[judged])
     driven = calibration.forward(after.q, after.conditions)[judged]
-    apart = _expected(name, driven, asked, setup).position_size
+    apart = _expected(name, driven, predicted, setup).position_size
     correction = float(uncorrected.position_size[judged].max(initial=0.0))
     far = apart > max(_PLAUSIBLE * correction, _SMALLEST * calibration.noise_position)
     if far.any():

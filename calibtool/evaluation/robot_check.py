@@ -20,6 +20,7 @@ from calibtool.robot.singularity import (
     at_point,
     singularity_distance,
 )
+from calibtool.units import rounded
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
@@ -73,7 +74,7 @@ class RobotCheck:
                     "joint": f"j{j + 1}",
                     "name": robot.chain.bodies.joints[j],
                     "kind": "prismatic" if prismatic else "revolute",
-                    "axis": _rounded(twist[:3] if prismatic else twist[3:], 9),
+                    "axis": rounded(twist[:3] if prismatic else twist[3:], 9),
                     f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
                     f"upper_{unit}": round(float(robot.upper[j]) * factor, 6),
                     "limits_from": self.limit_sources[j],
@@ -92,12 +93,12 @@ class RobotCheck:
                 "from_base": round(self.reach[0] * 1e3, 1),
                 "from_joint_1": round(self.reach[1] * 1e3, 1),
             },
-            "tool_range_mm": [_rounded(corner * 1e3, 1) for corner in self.extent],
-            "targets_mm": [_rounded(point * 1e3, 6) for point in robot.targets],
+            "tool_range_mm": [rounded(corner * 1e3, 1) for corner in self.extent],
+            "targets_mm": [rounded(point * 1e3, 6) for point in robot.targets],
             "workspaces": [
                 {
                     "name": each.name,
-                    "home_tool_position_mm": _rounded(each.home_position * 1e3, 3),
+                    "home_tool_position_mm": rounded(each.home_position * 1e3, 3),
                     "home_singular": each.singularity_distance < MIN_SINGULARITY_DISTANCE,
                     "home_singularity_distance": float(f"{each.singularity_distance:.3g}"),
                     "smallest_singularity_distance": float(f"{each.smallest_distance:.3g}"),
@@ -209,15 +210,14 @@ def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
     workspace = robot.workspace(name)
     home = workspace.home
-    outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
-    if len(outside):
-        j = int(outside[0])
+    within = robot.joints_within_limits(home)
+    if not within.all():
+        j = int(np.argmin(within))
         factor, _ = robot.display_unit(j)
         low, value, high = (f"{v * factor:.6g}" for v in (robot.lower[j], home[j], robot.upper[j]))
         raise InputError(
             f"{place}: workspaces.{name}.home: {robot.columns(None)[j]} = {value} is outside its "
-            f"limits {low} to {high}; "
-            "move it, or correct [limits]"
+            f"limits {low} to {high}; move it, or correct [limits]"
         )
     try:
         q = sample_configurations(robot, workspace, 200, np.random.default_rng(0))
@@ -284,9 +284,8 @@ def _warnings(
             "where you work"
         )
     found += [
-        f"the home of workspace {each.name} is singular (distance "
-        f"{each.singularity_distance:.2g}, at least {MIN_SINGULARITY_DISTANCE} is needed); "
-        "bend the arm there"
+        f"the home of workspace {each.name} is singular (distance {each.singularity_distance:.2g}, "
+        f"at least {MIN_SINGULARITY_DISTANCE} is needed); bend the arm there"
         for each in workspaces
         if each.singularity_distance < MIN_SINGULARITY_DISTANCE
     ]
@@ -297,7 +296,3 @@ def _warnings(
                 f"directions are not seen, such as {design.unobservable[0]}"
             )
     return found
-
-
-def _rounded(values: Array, digits: int) -> list[float]:
-    return [round(float(v), digits) + 0.0 for v in values]

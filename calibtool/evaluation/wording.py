@@ -68,7 +68,7 @@ def words(kind: Kind, before: Before | None) -> Words:
     return _COMPENSATED if kind == "compensated" else _PREDICTED
 
 
-def brought(evaluation: Evaluation, name: str, before: str, after: str) -> str:
+def outcome_sentence(evaluation: Evaluation, name: str, before: str, after: str) -> str:
     """Sentence that a calibration reduces the mean error; before, after: text with units."""
     if evaluation.kind == "predicted":
         return (

@@ -14,14 +14,15 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.compensation.exact import exact
 from calibtool.compensation.status import CORRECTED
-from calibtool.compensation.weighted_error import Task, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import LM_STOPPING, levenberg_marquardt, run
 from calibtool.errors import NoSolutionError
 from calibtool.export.taught_region import TaughtRegion
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, pose_difference
+from calibtool.robot.singularity import weighted_jacobian
 
 HIDDEN = 24
 _TAUGHT, _JUDGED = 1500, 500  # configurations
@@ -69,7 +70,7 @@ class Taught:
 
         def error(rows: np.ndarray, moved: Array) -> Array:
             pose = calibration.forward(q[rows] + moved)
-            return weighted_error(pose, poses[rows], robot.length)
+            return pose_difference(pose, poses[rows], robot.length)
 
         pose, jacobian = calibration.forward_and_jacobian(q[known])
         A = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
@@ -121,7 +122,7 @@ def _worse(
     q = region.drawn(_ANYWHERE, np.random.default_rng(1))
     commanded, sizes = robot.mechanism.forward(q), []
     for moved in (np.zeros(q.shape), network(q)):
-        error = weighted_error(calibration.forward(q + moved), commanded, robot.length)
+        error = pose_difference(calibration.forward(q + moved), commanded, robot.length)
         sizes.append(np.linalg.norm(task.of_error(error, commanded), axis=-1) * 1e3)
     return np.asarray(q[~(sizes[1] <= np.maximum(sizes[0], largest))])
 

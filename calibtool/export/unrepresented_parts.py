@@ -9,7 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.rendering import left_out
 from calibtool.export.urdf_geometry import fitted_geometry
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, pose_distances
 
 _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 
@@ -27,7 +27,7 @@ def not_held(
     if together := all_together(whole, tool):
         for name, part in _parts(calibration, () if basis is None else ("placements", "offsets")):
             alone = fitted_geometry(robot, part.forward, q, basis).forward(q)
-            position, orientation = _sizes(part.forward(q), alone).max(axis=0)
+            position, orientation = map(np.max, pose_distances(part.forward(q), alone))
             if max(position, orientation) > _NOTHING:
                 yield f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad alone"
         yield from together
@@ -37,7 +37,7 @@ def not_held(
 
 def all_together(whole: Array, held: Array) -> list[str]:
     """A line with the distance of poses (N, 4, 4) from those of a format; None if equal."""
-    sizes = _sizes(whole, held)
+    sizes = np.stack(pose_distances(whole, held), axis=-1)
     if sizes.max() <= _NOTHING:
         return []
     mean, most = sizes.mean(axis=0) * 1e3, sizes.max(axis=0) * 1e3
@@ -56,10 +56,3 @@ def _parts(calibration: Calibration, more: tuple[str, ...]) -> Iterator[tuple[st
             yield family.words, replace(calibration, base=replace(base, errors=alone), networks=())
     if calibration.networks:
         yield "network", replace(calibration, base=replace(base, errors=none))
-
-
-def _sizes(a: Array, b: Array) -> Array:
-    """Distance of the tool points (m) and angle between the orientations (rad) of poses: (N, 2)."""
-    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
-    position = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
-    return np.stack([position, np.linalg.norm(turn, axis=-1)], axis=-1)

@@ -12,7 +12,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
-from calibtool.robot.singularity import at_point, scale_rows
+from calibtool.robot.singularity import weighted_jacobian
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)
 
@@ -120,4 +120,4 @@ def _pose_error(robot: Robot, target: Array, frames: Frames) -> Array:
 
 def _weighted(robot: Robot, twists: Array, frames: Frames) -> Array:
     """Twists of K_0 (N, 6, c) at the tool point, translations over the length."""
-    return scale_rows(at_point(twists, frames.tool[:, :3, 3]), robot.length)
+    return weighted_jacobian(twists, frames.tool, robot.length)

@@ -13,7 +13,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array, inverse
 
 _ARC = 0.05  # rad: a shorter arc shows no circle
-_PARALLEL = 1e-3  # rad
+_PARALLEL = 1e-3  # rad: axes with a smaller angle are parallel
 
 
 @dataclass(frozen=True, eq=False)

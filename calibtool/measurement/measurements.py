@@ -220,8 +220,7 @@ class Measurements:
     @property
     def seen(self) -> np.ndarray:
         """(N, m) bool: which targets were seen."""
-        seen: np.ndarray = ~np.isnan(self.points[..., 0])
-        return seen
+        return ~np.isnan(self.points[..., 0])
 
     @property
     def readings(self) -> Readings:

@@ -35,8 +35,8 @@ def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> A
     Also 0 for a row at which the loops of the model do not close: it does not determine its
     parameters.
     """
-    left = setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
-    return _where_closed(left, T_base_tool)
+    residual = setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
+    return _where_closed(residual, T_base_tool)
 
 
 def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:

@@ -5,14 +5,14 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.se3 import Array, exp6, readonly, skew
+from calibtool.robot.se3 import Array, exp6, point_columns, readonly
 
-_MOST_KNOTS = 100  # more readings are averaged, neighbours first
+_MOST_KNOTS = 100  # with more readings than this, neighbouring ones are averaged
 # of twice a log-likelihood ratio, by how many parts more: 1 in 1,000 of χ²
 _CLEAR = (0.0, 10.8, 13.8)
-_STATED = 4.0  # the stated noise counts as one found from so many readings
+_STATED = 4.0  # the stated noise counts like one that was estimated from this number of readings
 _ROUNDS = 10
-_GROSS = 8.0  # times the noise, away from the median of five successive readings
+_GROSS = 8.0  # times the noise: largest distance from the median of five successive readings
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class InstrumentMotion:
 
     def deviation(self, points: Array) -> float:
         """Largest standard deviation of the correction at points (P, 3), rms over them, m."""
-        J = _columns(points - self.centre)
+        J = point_columns(points - self.centre)
         variances = np.einsum("pai,kij,paj->kp", J, self.covariance, J)
         return float(np.sqrt(variances.mean(axis=1).max(initial=0.0)))
 
@@ -196,7 +196,7 @@ class _Readings:
         def likelihood(sizes: Array) -> float:
             if (np.abs(sizes) > 25).any():
                 return -np.inf
-            precision, half_log_det = self._prior(free, sizes)
+            precision, half_log_det = self._prior(sizes)
             L = np.linalg.cholesky(A + np.pad(precision, (0, len(A) - len(precision))))
             half = np.linalg.solve(L, b)
             rest = _STATED * self.noise**2 + max(power - float(half @ half), 0.0)
@@ -216,7 +216,7 @@ class _Readings:
         """Twists (K, 6), their covariance (K, 6, 6), and the noise, m."""
         count, chosen = len(self.points), _elements(free)
         twists, covariance = np.zeros((count, 6)), np.zeros((count, 6, 6))
-        precision, _ = self._prior(free, sizes)
+        precision, _ = self._prior(sizes)
         width = len(precision)
         for _ in range(_ROUNDS):
             A, b, power, rows = self._normal(free, twists)
@@ -241,7 +241,7 @@ class _Readings:
         chosen = _elements(free)
         width = (count - 1) * len(chosen)
         A, b = np.zeros((width + 3 * k, width + 3 * k)), np.zeros(width + 3 * k)
-        columns = _columns(self.arms)[..., chosen]
+        columns = point_columns(self.arms)[..., chosen]
         back = (self.points - self.centre - about[:, None, :3]) @ _rotations(about[:, 3:])
         rest = back - self.arms
         seen = np.isfinite(rest[..., 0])
@@ -260,7 +260,7 @@ class _Readings:
                 b[at] += B.T @ reading
         return A, b, power, 3 * int(seen.sum())
 
-    def _prior(self, free: tuple[int, ...], sizes: Array) -> tuple[Array, float]:
+    def _prior(self, sizes: Array) -> tuple[Array, float]:
         """Precision of the Brownian motions over the noise, and half the log of its determinant."""
         weights, count = np.exp(-2 * np.repeat(sizes, 3)), len(self.steps)
         differences = np.eye(count) - np.eye(count, k=-1)  # the first knot stands at zero
@@ -277,11 +277,6 @@ def _elements(free: tuple[int, ...]) -> list[int]:
 def _of_knot(e: int, size: int) -> slice:
     """Where the unknowns of knot e ≥ 1 are."""
     return slice((e - 1) * size, e * size)
-
-
-def _columns(arms: Array) -> Array:
-    """Displacement of points at arms (P, 3) from the centre by (v, w): (P, 3, 6)."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -skew(arms)], axis=-1)
 
 
 def _rotations(vectors: Array) -> Array:

@@ -20,12 +20,13 @@ from calibtool.measurement.rotation_search import RotationForm, nearest_rotation
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
-_MINIMA = 4  # refined, of those that the rotation search finds
+_MINIMA = 4  # number of minima of the rotation search that are refined
 _ITERATIONS = 200
-_ON_TOOL = 1.0  # m: as far from the tool frame may targets be that the rows hardly tell
-_WEAK = 0.1  # m: what the rows tell less surely than that is hardly told
+# m: assumed distance of targets from the tool frame where the rows hardly determine them
+_ON_TOOL = 1.0
+_WEAK = 0.1  # m: a target that the rows determine less surely than that is hardly determined
 _SETTLED = 1e-6  # of the squares: a prior settles weak targets to a hundredth of their deviation
-_NO_GAIN = 1e-4  # of the squares: what creeps on by less, along directions that only noise shows
+_NO_GAIN = 1e-4  # of the squares: steps that gain less follow directions that only noise determines
 
 
 def register(
@@ -81,10 +82,10 @@ def _near_the_tool(measurements: Measurements, setup: Setup, poses: Array) -> Se
     if setup.targets_known or setup.kind.id not in ("points", "pose"):
         return setup
     of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
-    columns, left = linearised(measurements, setup, poses, of_base, targets=True)
-    size = float(np.sqrt((left**2).sum() / measurements.equations))
+    columns, residual = linearised(measurements, setup, poses, of_base, targets=True)
+    size = float(np.sqrt((residual**2).sum() / measurements.equations))
     prior = max(size, 1.0) / _ON_TOOL * _on_tool(setup)
-    A = columns.reshape(left.size, -1)
+    A = columns.reshape(residual.size, -1)
     held = np.diag(np.concatenate([np.zeros(A.shape[1] - len(prior)), prior]) ** 2)
     deviation = max(size, 1.0) * np.sqrt(np.diag(np.linalg.pinv(A.T @ A + held, hermitian=True)))
     if (deviation[-len(prior) :][prior > 0] < _WEAK).all():
@@ -134,13 +135,15 @@ def refine(
         return float(squares + (drawn(at) ** 2).sum())
 
     def linearise(at: Setup) -> tuple[Array, Array]:
-        columns, left = linearised(measurements, at, poses, of_base, targets=bool(at.free_names))
-        columns, left = columns.reshape(left.size, -1), left.ravel()
+        columns, residual = linearised(
+            measurements, at, poses, of_base, targets=bool(at.free_names)
+        )
+        columns, residual = columns.reshape(residual.size, -1), residual.ravel()
         if prior is None:
-            return columns, left
+            return columns, residual
         held = np.concatenate([np.zeros(columns.shape[1] - len(prior)), prior])
         rows = np.diag(held)[-len(prior) :]
-        return np.concatenate([columns, rows]), np.concatenate([left, drawn(at)])
+        return np.concatenate([columns, rows]), np.concatenate([residual, drawn(at)])
 
     fitted = np.ones(6 * (not setup.frame_known) + len(setup.free_names), dtype=bool)
     fitted[shift] = setup.kind.registered(setup)

@@ -8,8 +8,8 @@ from calibtool.robot.se3 import Array, skew
 
 _ITERATIONS = 60
 _LONGEST = 0.5  # rad: longest step
-_SETTLED = 1e-11  # rad
-_SAME = 1e-6  # minima whose elements differ by less are one
+_SETTLED = 1e-11  # rad: a smaller step ends the iteration
+_SAME = 1e-6  # minima whose elements differ by less are the same
 
 # ∂vec(exp([w]×) C)/∂w_i = vec(G_i C) at w = 0, vec row by row
 _GENERATORS = skew(np.eye(3))
@@ -51,7 +51,7 @@ class RotationForm:
         from scipy.spatial.transform import Rotation
 
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
-        # the last steps lower nothing that can be seen
+        # the last steps lower the sum by less than rounding
         rounding = 1e-13 * (np.abs(self.M).max() + np.abs(self.g).max())
         for _ in range(_ITERATIONS):
             step = self._newton_step(C) * reach[:, None]

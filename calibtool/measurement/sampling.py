@@ -88,7 +88,7 @@ def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
     if robot.n >= 6:
         q = solved.q[solved.reached]
         return q
-    # At a joint limit the nearest pose is the end of the arm's range, not the shadow
+    # At a joint limit the nearest pose is the end of the arm's range, not the projection
     # of the drawn one.
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]

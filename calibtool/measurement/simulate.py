@@ -16,13 +16,11 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 from calibtool.robot.workspace import Workspace
 
-# m: less is none at all, for which the weights still need a figure
-SMALLEST_NOISE, NO_NOISE = (
-    1e-9,
-    1e-6,
-)
-_DRAWN_AGAIN = 20  # times, configurations at which closed loops of the actual robot do not close
-ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
+SMALLEST_NOISE = 1e-9  # m: less counts as no noise
+NO_NOISE = 1e-6  # m: stated where there is no noise, because the weights need a number
+# Number of new draws for configurations at which loops of the actual robot do not close
+_DRAWN_AGAIN = 20
+ORIENTATION_NOISE = 0.1e-3  # rad: stated for 6-D instruments unless another value is given
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,8 +51,7 @@ class JointStream:
         after, _ = self._between(self.offset)
         instants = self.stamps + self.offset
         inside = (instants >= self.times[0]) & (instants <= self.times[-1])
-        gaps: Array = np.where(inside, np.diff(self.times)[after - 1], np.inf)
-        return gaps
+        return np.where(inside, np.diff(self.times)[after - 1], np.inf)
 
     def rows(self, index: np.ndarray) -> "JointStream":
         """The same stream at some of the stamps: their indices (k,)."""

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
@@ -134,7 +135,7 @@ class _Module:
         data = self.names.data(statement.name, values.scopes)
         if data is None or data.type != statement.more[2]:
             return
-        start, end = values.trimmed(statement.start, statement.end)
+        start, end = trimmed(self.code, statement.start, statement.end)
         if start == end or not values.closed(start, statement.name):
             return
         if not statement.ended:
@@ -207,7 +208,7 @@ class _Module:
         data = self.names.data(statement.name, values.scopes)
         if data is None or data.type not in TYPES:
             return
-        start, end = values.trimmed(statement.start, statement.end)
+        start, end = trimmed(self.code, statement.start, statement.end)
         line = values.text.lines(statement.position)
         index, parts = statement.more
         name = statement.name + index
@@ -259,7 +260,7 @@ class _Module:
         elif low == "pdispoff":
             yield Assign(line, DISPLACEMENT, BASE)
         elif low in ("pdispon", "pdispset"):
-            span = values.trimmed(statement.start, statement.end)
+            span = trimmed(self.code, statement.start, statement.end)
             T = values.text.pose(*span) if low == "pdispset" else None
             why = Unknown(f"a program displacement (line {line}) moves it")
             yield Assign(line, DISPLACEMENT, why if T is None else frame_of(FRAME, None, T, line))

@@ -8,8 +8,8 @@ from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
 AS_FRAME = "a frame or tool of others"
-_ROUNDING = 1e-9  # m: frames that are computed in two ways are the same
-_LINES = 5  # lines named in one reason
+_ROUNDING = 1e-9  # m: frames that differ by less are the same, computed in two ways
+_LINES = 5  # number of lines named in one reason
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,17 +28,17 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)
     found: list[Position] = []
-    left: dict[int, str] = {}
+    reasons: dict[int, str] = {}
     for number, literal in enumerate(program.literals):
         here = [flow.uses[k] for k in uses[number]]
         if literal.not_corrected:
-            left[number] = literal.not_corrected
+            reasons[number] = literal.not_corrected
         elif number in flow.spoiled:
-            left[number] = flow.spoiled[number]
+            reasons[number] = flow.spoiled[number]
         elif number in flow.frames:
-            left[number] = AS_FRAME
+            reasons[number] = AS_FRAME
         elif not here:
-            left[number] = SEED if number in flow.seeds else program.unused
+            reasons[number] = SEED if number in flow.seeds else program.unused
         elif literal.kind == JOINT:
             found.append(Position(number, tuple(uses[number])))
         else:
@@ -46,8 +46,8 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
             if isinstance(frame, Frame) and isinstance(tool, Frame):
                 found.append(Position(number, tuple(uses[number]), frame, tool))
             else:
-                left[number] = next(why for why in (frame, tool) if isinstance(why, str))
-    return found, left
+                reasons[number] = next(why for why in (frame, tool) if isinstance(why, str))
+    return found, reasons
 
 
 def half_circles(circles: Sequence[Circle], corrected: Iterable[int]) -> dict[int, str]:
@@ -55,7 +55,7 @@ def half_circles(circles: Sequence[Circle], corrected: Iterable[int]) -> dict[in
 
     Correcting only one of the two points would change the radius.
     """
-    rest, left = set(corrected), dict[int, str]()
+    rest, reasons = set(corrected), dict[int, str]()
     while True:
         more = {
             literal: f"the other point of its circle is not corrected (line {line})"
@@ -65,8 +65,8 @@ def half_circles(circles: Sequence[Circle], corrected: Iterable[int]) -> dict[in
             for literal in here & rest
         }
         if not more:
-            return left
-        left |= more
+            return reasons
+        reasons |= more
         rest -= more.keys()
 
 

@@ -8,7 +8,8 @@ from functools import lru_cache
 
 _OPEN, _CLOSE = "([{", ")]}"
 _BRACKET = re.compile(r"[(\[{)\]}]")
-_DEEPEST = 5  # lists in lists; a position takes two, an array of them three
+_COMMA_OR_BRACKET = re.compile(r"[,(\[{)\]}]")
+_DEEPEST = 5  # levels of nested lists; a position takes two, an array of positions three
 
 
 @dataclass(frozen=True)
@@ -53,23 +54,27 @@ def _pairs(code: str) -> tuple["array[int]", "array[int]"]:
     return opened, closed
 
 
+def trimmed(text: str, start: int, end: int) -> tuple[int, int]:
+    """The span of text[start:end] without blanks at its ends; blanks alone: an empty span."""
+    inner = text[start:end]
+    first = start + len(inner) - len(inner.lstrip())
+    return first, first + len(inner.strip())
+
+
 def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
     """Spans between the commas of code[start:end] that stand outside of brackets."""
     spans, depth, first = [], 0, start
-    for position in range(start, end):
-        character = code[position]
-        depth += (character in _OPEN) - (character in _CLOSE)
-        if character == "," and depth == 0:
-            spans.append((first, position))
-            first = position + 1
+    for mark in _COMMA_OR_BRACKET.finditer(code, start, end):
+        depth += (mark[0] in _OPEN) - (mark[0] in _CLOSE)
+        if mark[0] == "," and depth == 0:
+            spans.append((first, mark.start()))
+            first = mark.end()
     return [*spans, (first, end)]
 
 
 def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
     """The element in code[start:end] without blanks; lists deeper than `depth` are words."""
-    inner = code[start:end]
-    start += len(inner) - len(inner.lstrip())
-    end = max(start, end - (len(inner) - len(inner.rstrip())))
+    start, end = trimmed(code, start, end)
     if depth and end - start >= 2 and code[start] == "[" and closing(code, start) == end - 1:
         if not code[start + 1 : end - 1].strip():
             return Item(start, end, ())

@@ -8,17 +8,17 @@ from itertools import product
 import numpy as np
 
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
-from calibtool.robot.inverse import InverseResult, solve_poses
+from calibtool.robot.inverse import InverseResult, nearest_turn, solve_poses
 from calibtool.robot.inverse_starts import Starts, drawn, starts_of
 from calibtool.robot.reach import excluded
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-_NEAR = 8  # starts near the pose, on the branch that is asked for
-_RANDOM = 96  # random starts that find the branches of a pose where those do not
+_NEAR = 8  # number of starts near the pose, on the required branch
+_RANDOM = 96  # number of random starts, used where those near the pose do not find the branches
 _ROWS = 4096  # poses that are solved at once
 _TOGETHER = 128  # poses that get several starts at once
-_SAME = 1e-6  # rad or m: nearer joint positions are one answer
+_SAME = 1e-6  # rad or m: joint positions that differ by less are one answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +45,11 @@ class Controller:
 
     def to_controller(self, q: Array) -> Array:
         """The controller's joint values for joint positions of the serial chain, (…, n) both."""
-        values: Array = q @ self._inverse.T
-        return values
+        return q @ self._inverse.T
 
     @cached_property
     def _inverse(self) -> Array:
-        result: Array = np.linalg.inv(self.coupling).astype(float)
-        return result
+        return np.linalg.inv(self.coupling).astype(float)
 
     @cached_property
     def start_branches(self) -> np.ndarray:
@@ -118,15 +116,15 @@ def _solve(
     search = _Search(controller, T_base_tool, near, configurations)
     robot, count = controller.robot, len(near)
     first = search.newton(T_base_tool, np.clip(near, robot.lower, robot.upper))
-    q, answered = _near_turn(robot, first.q, near), first.reached.copy()
-    asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
+    q, answered = nearest_turn(robot, first.q, near), first.reached.copy()
+    required = np.array([configuration is not None for configuration in configurations], dtype=bool)
     obeyed = np.zeros(count, dtype=bool)
     possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
     if has_postures(robot):
-        rows = np.flatnonzero(asked & answered)
-        meant, turned = search.meant(rows, q[rows])
-        q[rows[meant]], obeyed[rows[meant]] = turned[meant], True
-        for seeds, which in ((search.near_starts, asked), (search.random, asked & strict)):
+        rows = np.flatnonzero(required & answered)
+        satisfied, turned = search.satisfied(rows, q[rows])
+        q[rows[satisfied]], obeyed[rows[satisfied]] = turned[satisfied], True
+        for seeds, which in ((search.near_starts, required), (search.random, required & strict)):
             for rows, starts in _few(np.flatnonzero(which & possible & ~obeyed), seeds):
                 found, answers = search.nearest(rows, starts)
                 q[rows[found]], obeyed[rows[found]] = answers[found], True
@@ -139,7 +137,7 @@ def _solve(
     why = [""] * count
     for k in np.flatnonzero(~answered).tolist():
         why[k] = f"the pose is unreachable ({first.position[k] * 1e3:.3g} mm are missing)"
-    for k in np.flatnonzero(answered & strict & asked & ~obeyed).tolist():
+    for k in np.flatnonzero(answered & strict & required & ~obeyed).tolist():
         why[k] = f"the pose cannot be reached with the configuration {_text(configurations[k])}"
         if not has_postures(robot):
             text = _text(configurations[k])
@@ -193,9 +191,10 @@ class _Search:
         choices = [Posture(*bits) for bits in product((False, True), repeat=3)]
         groups: dict[tuple[bool, ...], list[int]] = {}
         for k, row in enumerate(rows):
-            asked = self.configurations[row]
+            required = self.configurations[row]
             allowed = tuple(
-                asked is None or asked.branch(choice, self.controller.zero) for choice in choices
+                required is None or required.branch(choice, self.controller.zero)
+                for choice in choices
             )
             groups.setdefault(allowed, []).append(k)
         number = self.controller.start_branches @ np.array([4, 2, 1])
@@ -227,36 +226,36 @@ class _Search:
         distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
         answers = np.flatnonzero(distinct)
         owners = answers // tries
-        meant, turned = self.meant(rows[owners], solved.q[answers])
+        satisfied, turned = self.satisfied(rows[owners], solved.q[answers])
         found, best = np.zeros(count, dtype=bool), self.near[rows].copy()
         distance = np.full(count, np.inf)
-        for k, q in zip(owners[meant], turned[meant], strict=True):
+        for k, q in zip(owners[satisfied], turned[satisfied], strict=True):
             away = float(np.linalg.norm(q - self.near[rows[k]]))
             if away < distance[k] - _SAME:
                 found[k], best[k], distance[k] = True, q, away
         return found, best
 
-    def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
+    def satisfied(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
         """Which joints q (rows, n) are on the required branch, and the same in its turn."""
         robot = self.controller.robot
-        turned = _near_turn(robot, q, self.near[rows])
-        meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
-        if meant.all():
-            return meant, turned
+        turned = nearest_turn(robot, q, self.near[rows])
+        satisfied = np.array([self.configurations[k] is None for k in rows], dtype=bool)
+        if satisfied.all():
+            return satisfied, turned
         q_controller = self.controller.to_controller(turned)[:, robot.arm]
         branches = postures(robot, q, self.controller.to_controller(q)).tolist()
-        for k in np.flatnonzero(~meant):
-            asked = self.configurations[rows[k]]
-            if asked is None or not asked.branch(Posture(*branches[k]), self.controller.zero):
+        for k in np.flatnonzero(~satisfied):
+            required = self.configurations[rows[k]]
+            if required is None or not required.branch(Posture(*branches[k]), self.controller.zero):
                 continue
-            if asked.turns(q_controller[k]):
-                meant[k] = True
+            if required.turns(q_controller[k]):
+                satisfied[k] = True
                 continue
             for answer in _turns(robot, turned[k]):
-                if asked.turns(self.controller.to_controller(answer)[robot.arm]):
-                    meant[k], turned[k] = True, answer
+                if required.turns(self.controller.to_controller(answer)[robot.arm]):
+                    satisfied[k], turned[k] = True, answer
                     break
-        return meant, turned
+        return satisfied, turned
 
 
 def _few(
@@ -277,13 +276,6 @@ def _repeated(q: Array) -> np.ndarray:
     for j in range(1, q.shape[1]):
         result[:, j] = (np.abs(q[:, :j] - q[:, j : j + 1]).max(axis=-1) < _SAME).any(axis=1)
     return result
-
-
-def _near_turn(robot: Robot, q: Array, near: Array) -> Array:
-    """The same poses with every angle within half a turn of `near` where the limits allow it."""
-    turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
-    allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
-    return np.where(allowed, turned, q)
 
 
 def _turns(robot: Robot, q: Array) -> list[Array]:

@@ -13,7 +13,7 @@ from calibtool.programs.formats import coupling_of, read_program
 from calibtool.programs.motions import EXTERNAL, Literal, ProgramText
 from calibtool.programs.program_summary import CompensatedProgram
 
-LARGEST = 250_000  # positions of a program
+LARGEST = 250_000  # number of positions that a program may have
 
 
 def compensate_program(

@@ -178,20 +178,20 @@ def postures(robot: Robot, q: Array, q_controller: Array) -> np.ndarray:
     the arm. Where the arm stands on a track or a turntable, its base's x axis turns with that.
     """
     frames, here = [], np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    carried = here
+    before_arm = here
     for j in range(robot.arm[4] + 1):
         here = here @ robot.chain.placements[j]
         if j in robot.arm:
             frames.append(here)
         here = here @ exp6(robot.chain.twists[j] * q[:, j, None])
         if j < robot.arm[0]:
-            carried = here
+            before_arm = here
     points = [frame[:, :3, 3] for frame in frames]
     first, third = robot.arm[0], robot.arm[2]
     axis_1 = frames[0][:, :3, :3] @ robot.chain.twists[first][3:]
     axis_3 = frames[2][:, :3, :3] @ robot.chain.twists[third][3:]
     turned = exp6(np.concatenate([np.zeros_like(axis_1), axis_1 * q[:, first, None]], axis=-1))
-    turned_x = (turned[:, :3, :3] @ carried[:, :3, :1])[..., 0]
+    turned_x = (turned[:, :3, :3] @ before_arm[:, :3, :1])[..., 0]
     wrist = points[4]
     normal = np.cross(points[2] - points[1], wrist - points[2])
     front = ((wrist - points[0]) * turned_x).sum(axis=-1) >= 0.0

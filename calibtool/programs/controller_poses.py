@@ -8,9 +8,9 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, pose_difference
 
-_NEARER = 1e-9  # m: by less the untouched pose is not better
+_NEARER = 1e-9  # m: the untouched pose must be nearer by more than this to count as better
 
 
 def check_controller_known(
@@ -51,13 +51,13 @@ def poses_to_write(
     there are none.
     """
     model = model or calibration.robot.mechanism
-    left = np.zeros(len(q), dtype=bool)
+    worse = np.zeros(len(q), dtype=bool)
     if model is not calibration.robot.mechanism:
         solved = np.flatnonzero(np.isfinite(q_m).all(axis=-1))
         rows = [k for k in solved.tolist() if T_base_tool[k] is not None]
         T = np.array([T_base_tool[k] for k in rows]).reshape(-1, 4, 4)
-        left[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
-    return model.forward(np.nan_to_num(q_m)), left
+        worse[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
+    return model.forward(np.nan_to_num(q_m)), worse
 
 
 def worse_than_untouched(
@@ -78,13 +78,11 @@ def worse_than_untouched(
         _pose_error(calibration.forward(joints), T_base_tool, robot.length)
         for joints in (untouched.q, q_m)
     )
-    worse: np.ndarray = untouched.reached & (before < after - _NEARER)
-    return worse
+    return untouched.reached & (before < after - _NEARER)
 
 
 def _pose_error(pose: Array, commanded: Array, length: float) -> Array:
     """Distance of the tool plus its rotation times a length, as one number: (N,) m."""
-    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-    both = np.concatenate([pose[:, :3, 3] - commanded[:, :3, 3], turn * length], axis=-1)
-    error: Array = np.linalg.norm(both, axis=-1)
-    return error
+    difference = pose_difference(pose, commanded)
+    difference[:, 3:] *= length
+    return np.asarray(np.linalg.norm(difference, axis=-1))

@@ -22,7 +22,7 @@ from calibtool.programs.controller_poses import check_controller_known, poses_to
 from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import Circle, follow
 from calibtool.programs.motions import JOINT, POSE, Program
-from calibtool.programs.nominal_joints import Stands, stands
+from calibtool.programs.nominal_joints import NominalJoints, nominal_joints
 from calibtool.programs.numbers import Remark
 from calibtool.programs.program_summary import CompensatedProgram, Fate
 from calibtool.programs.writing import NewPositions, Writing, remark_of
@@ -31,9 +31,9 @@ from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
 ON_ERROR = ("stop", "skip")
-_KINDS = 4  # of errors, told in one message
-_TOGETHER = 4096  # rows that are corrected at once
-_AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
+_KINDS = 4  # number of kinds of errors named in one message
+_TOGETHER = 4096  # number of rows that are corrected at once
+_AGREE = 1e-7  # rad or m: results for several branches may differ by this much
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class Correction:
         self.calibration, self.program, self.controller = calibration, program, controller
         self.options, self.format = options, program_format
         self.failures: list[tuple[Remark, _Failure]] = []
-        self.left: list[Remark] = []
-        self.why: dict[int, str] = {}  # of literals that are left
+        self.uncorrected: list[Remark] = []
+        self.reasons: dict[int, str] = {}  # why a literal is not corrected, by its number
 
     def result(self) -> CompensatedProgram:
         program = self.program
@@ -90,28 +90,26 @@ class Correction:
             if remark.bad:
                 self.failures.append((remark, InputError))
             elif program.sources[remark.source].edited:
-                self.left.append(remark)
+                self.uncorrected.append(remark)
         moved_to = {use.literal for use in flow.uses if use.line and not use.relative} | flow.edited
-        found, left = positions(program, flow)
-        for number, why in left.items():
-            self._leave(number, why, InputError if program.literals[number].bad else None)
-        self._stop()
-        answers = stands(self.controller, program, flow, found)
+        found, reasons = positions(program, flow)
+        for number, why in reasons.items():
+            self._skip(number, why, InputError if program.literals[number].bad else None)
+        self._raise_failures()
+        answers = nominal_joints(self.controller, program, flow, found)
         circles = flow.circles
         del flow
         rows, q = self._rows(found, answers)
-        self._stop()
+        self._raise_failures()
         corrected = self._corrected(found, answers, rows, q)
         notes = program.notes + self._joint_values_note(found)
         if any(program.literals[one.literal].kind == POSE for one in found):
             notes += check_controller_known(
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
-        backlash = self.calibration.base.errors["backlash"]
-        if self.options.backlash and backlash.any():
+        path = BacklashPath.of(self.calibration) if self.options.backlash else None
+        if path is not None:
             if program.in_order:
-                robot = self.controller.robot
-                path = BacklashPath(backlash, robot.lower, robot.upper)
                 taken = path.taken_up(corrected.q)
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
@@ -120,26 +118,26 @@ class Correction:
                     "targets are reached",
                 )
         new = self._agreed(found, answers, rows, q, corrected, circles)
-        self._stop()
+        self._raise_failures()
         del answers, rows, q, corrected
         writing = Writing(program, self.controller, new)
         texts = tuple(writing.texts())
-        return self._told(writing, texts, moved_to, notes)
+        return self._summary(writing, texts, moved_to, notes)
 
-    # --- what is left ----------------------------------------------------------------------------
+    # --- literals that are not corrected, and errors ----------------------------------------------
 
-    def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
+    def _skip(self, number: int, why: str, failure: _Failure | None = None) -> None:
         """Do not change a literal. failure: this is an error unless `on_error` is `skip`."""
-        self.why[number] = why
+        self.reasons[number] = why
         literal = self.program.literals[number]
         if why in (SEED, AS_FRAME) or not self.program.sources[literal.source].edited:
             return
         if failure is None:
-            self.left.append(remark_of(literal, why))
+            self.uncorrected.append(remark_of(literal, why))
         else:
             self.failures.append((remark_of(literal, why), failure))
 
-    def _stop(self) -> None:
+    def _raise_failures(self) -> None:
         if not self.failures or self.options.on_error != "stop":
             return
         first, kind = min(self.failures, key=lambda one: (one[0].source, one[0].line))
@@ -152,7 +150,7 @@ class Correction:
 
     # --- joints and poses ------------------------------------------------------------------------
 
-    def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
+    def _rows(self, found: Sequence[Position], answers: NominalJoints) -> tuple[np.ndarray, Array]:
         """Rows to correct: a position with joints (N, n) for each branch on which it is used."""
         robot = self.controller.robot
         rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
@@ -164,14 +162,14 @@ class Correction:
             if k in beyond and not why:
                 why = _beyond(self.controller, q[beyond[k]])
             if why and self.program.literals[position.literal].blank:
-                self._leave(position.literal, "not taught: its numbers are zero")
+                self._skip(position.literal, "not taught: its numbers are zero")
             elif why:
-                self._leave(position.literal, why, NoSolutionError)
+                self._skip(position.literal, why, NoSolutionError)
         good = np.array([k not in beyond for k in rows.tolist()], dtype=bool)
         return rows[good], q[good]
 
     def _corrected(
-        self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
+        self, found: Sequence[Position], answers: NominalJoints, rows: np.ndarray, q: Array
     ) -> Compensation:
         """The compensation of all rows: joint targets in one batch, poses in another."""
         count, options = len(rows), self.options
@@ -197,7 +195,7 @@ class Correction:
     def _agreed(
         self,
         found: Sequence[Position],
-        answers: Stands,
+        answers: NominalJoints,
         rows: np.ndarray,
         q: Array,
         corrected: Compensation,
@@ -218,20 +216,20 @@ class Correction:
             here = corrected.status[start:end].tolist()
             if np.isnan(corrected.q[start:end]).any():
                 refused = " (--outside refuse)" if OUTSIDE in here else ""
-                self._leave(literal, MEANING[here[0]] + refused, NoSolutionError)
+                self._skip(literal, MEANING[here[0]] + refused, NoSolutionError)
             elif UNCORRECTED in here:
-                self._leave(literal, MEANING[UNCORRECTED])
+                self._skip(literal, MEANING[UNCORRECTED])
             elif untouched[start:end].any():
                 why = "the controller's own model already brings the tool nearer to it"
-                self._leave(literal, why)
+                self._skip(literal, why)
             elif end > start + 1 and np.abs(T[start:end] - T[start]).max() > _AGREE:
                 why = "reached on several branches, which need different numbers"
-                self._leave(literal, why)
+                self._skip(literal, why)
             else:
                 good.append(start)
         half = half_circles(circles, (found[rows[start]].literal for start in good))
         for literal in half:
-            self._leave(literal, half[literal])
+            self._skip(literal, half[literal])
         good = [start for start in good if found[rows[start]].literal not in half]
         nominal = robot.mechanism.forward(q[good])
         return NewPositions(
@@ -260,7 +258,7 @@ class Correction:
 
     # --- the result ------------------------------------------------------------------------------
 
-    def _told(
+    def _summary(
         self,
         writing: Writing,
         texts: tuple[bytes, ...],
@@ -270,21 +268,24 @@ class Correction:
         program = self.program
         fates: list[Fate] = []
         looks = {(look.source, look.line, look.name): look.why for look in writing.looks}
-        targets, corrected, alone = 0, 0, 0
+        targets, corrected, inconsistent = 0, 0, 0
         for number, literal in enumerate(program.literals):
             if not program.sources[literal.source].edited:
                 continue
-            left = number in self.why
-            targets += not literal.not_corrected and self.why.get(number) not in (SEED, AS_FRAME)
-            what = "left" if left else "corrected" if number in writing.changed else "unchanged"
+            skipped = number in self.reasons
+            targets += not literal.not_corrected and self.reasons.get(number) not in (
+                SEED,
+                AS_FRAME,
+            )
+            what = "left" if skipped else "corrected" if number in writing.changed else "unchanged"
             place = (literal.source, literal.line, literal.name)
-            why = self.why[number] if left else looks.get(place, "")
+            why = self.reasons[number] if skipped else looks.get(place, "")
             fates.append(Fate(*place, literal.kind, what, why))
             if literal.kind == POSE:
-                corrected += not left
+                corrected += not skipped
                 followed = bool(literal.numbers) and number in moved_to
-                alone += left and (followed or literal.moved_to)
-        listed = program.literals or program.remarks or self.left
+                inconsistent += skipped and (followed or literal.moved_to)
+        listed = program.literals or program.remarks or self.uncorrected
         return CompensatedProgram(
             names=tuple(source.name for source in program.sources),
             texts=texts,
@@ -292,11 +293,11 @@ class Correction:
             changed=len(writing.changed),
             largest_mm=1e3 * writing.largest_m,
             largest_deg=float(np.rad2deg(writing.largest_rad)),
-            left_alone=(*self.left, *(remark for remark, _ in self.failures)),
+            left_alone=(*self.uncorrected, *(remark for remark, _ in self.failures)),
             remarks=tuple(writing.looks),
             notes=notes if listed else (_nothing(self.format),),
             fates=tuple(fates),
-            inconsistent=alone if corrected else 0,
+            inconsistent=inconsistent if corrected else 0,
         )
 
 
@@ -319,8 +320,7 @@ def _nothing(program_format: str) -> str:
 
 def _beyond(controller: Controller, q: Array) -> str:
     robot = controller.robot
-    outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
-    j = int(outside[0])
+    j = int(np.argmin(robot.joints_within_limits(q)))
     factor, unit = robot.display_unit(j)
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

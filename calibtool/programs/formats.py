@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import PurePath
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -34,10 +34,10 @@ class Language(Protocol):
         """The positions and motions of a program of one or several texts."""
 
 
-_LANGUAGES: tuple[Any, ...] = (fanuc, kuka, abb, ur, ros2)
+_LANGUAGES: tuple[Language, ...] = (fanuc, kuka, abb, ur, ros2)
 _MODULES = {module.NAME: module for module in _LANGUAGES}
 PROGRAM_FORMATS = tuple(_MODULES)
-_HEAD = 65536  # characters that tell a format
+_HEAD = 65536  # number of characters from which the format is recognised
 
 
 def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
+from calibtool.programs.bracketed_lists import split, trimmed
+
 NAME = r"\$?[A-Za-z_][\w$]*"
 _INDEX = r"\[[^\[\]]*\]"
 _PART = rf"\.\s*+\w+\s*+(?:{_INDEX})?\s*+"
@@ -81,9 +83,7 @@ class Factor:
 def statements(code: str) -> Iterator[Statement]:
     """Statements of a text without comments; another one may follow THEN or ELSE."""
     for line in _LINE.finditer(code):
-        inner = line[0]
-        position = line.start() + len(inner) - len(inner.lstrip())
-        end = line.start() + len(inner.rstrip())
+        position, end = trimmed(code, *line.span())
         while position < end:
             statement = statement_at(code, position, end)
             position = end
@@ -104,7 +104,7 @@ def statement_at(code: str, position: int, end: int) -> Statement:
     head = _HEAD.match(code, position, end)
     if head is None:
         return Statement("other", "", position, position, end)
-    start = head.end() + len(code[head.end() : end]) - len(code[head.end() : end].lstrip())
+    start, _ = trimmed(code, head.end(), end)
     if head["move"]:
         name = head["move"] + (head["relative"] or "")
         return Statement("relative" if head["relative"] else "move", name, position, start, end)
@@ -162,17 +162,4 @@ def reference(word: str) -> tuple[str, str, str] | None:
 
 def arguments(code: str, start: int, end: int) -> list[tuple[int, int]]:
     """Spans between the commas of code[start:end] outside of brackets, blanks dropped."""
-    spans, depth, first = [], 0, start
-    for mark in re.compile(r"[,(){}\[\]]").finditer(code, start, end):
-        depth += (mark[0] in "({[") - (mark[0] in ")}]")
-        if mark[0] == "," and depth == 0:
-            spans.append((first, mark.start()))
-            first = mark.end()
-    spans.append((first, end))
-    return [_trimmed(code, *span) for span in spans]
-
-
-def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:
-    inner = code[start:end]
-    left = start + len(inner) - len(inner.lstrip())
-    return left, max(left, start + len(inner.rstrip()))
+    return [trimmed(code, *span) for span in split(code, start, end)]

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.programs.configurations import Digit, Kuka
 from calibtool.programs.external_axes import arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import pose
@@ -31,11 +32,8 @@ _TYPE = re.compile(r"\s*[A-Za-z]\w*\s*:")
 _ITEM = re.compile(r"\s*(?:([A-Za-z]\w*)(?:\[\s*\])?)?\s*([^,]*),?")
 _INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
 _GROUP = re.compile(r"\{[^{}]*\}")
-_MEMBER = (
-    re.compile(  # of structures: accelerations, centre of mass and the like, which are no positions
-        r"\b(?:AX|CM|J|ROOT|OFFSET)\s*=?\s*$", re.IGNORECASE
-    )
-)
+# Members of structures: accelerations, centre of mass and the like, which are no positions.
+_MEMBER = re.compile(r"\b(?:AX|CM|J|ROOT|OFFSET)\s*=?\s*$", re.IGNORECASE)
 
 Spans = dict[str, tuple[int, int]]
 
@@ -142,9 +140,9 @@ class Text:
             if self.complete(start, group.end()):
                 why = "stands in something that is not followed"
                 kind = POSE if "X" in self.items(start, group.end()) else JOINT
-                self.literals.append(self._left(kind, start, "{…}", why))
+                self.literals.append(self._skipped(kind, start, "{…}", why))
 
-    def _left(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
+    def _skipped(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
         return Literal(
             kind, (), self.lines(start), name, source=self.number, not_corrected=why, bad=bad
         )
@@ -158,18 +156,18 @@ class Text:
         unknown = [key for key in spans if key not in _KNOWN]
         if unknown:
             why = f"'{unknown[0][:30]}' is not known in a position"
-            return self._left(kind, start, name, why, bad=True)
+            return self._skipped(kind, start, name, why, bad=True)
         if joint and any(key in spans for key in (*_POSE, "S", "T")):
-            return self._left(kind, start, name, "axes and a pose in one position", bad=True)
+            return self._skipped(kind, start, name, "axes and a pose in one position", bad=True)
         keys = _JOINTS if joint else _POSE
         missing = [key for key in keys if key not in spans]
         count = len(robot.arm)
         if missing and not (joint and tuple(missing) == _JOINTS[count:]):
             why = f"a position without {', '.join(missing)}: the rest is where the robot stands"
-            return self._left(kind, start, name, why)
+            return self._skipped(kind, start, name, why)
         if joint and 6 - len(missing) != count:
             why = f"holds {6 - len(missing)} axes, but {robot.name} has {count} joints"
-            return self._left(kind, start, name, why, bad=True)
+            return self._skipped(kind, start, name, why, bad=True)
         keys = keys[:count] if joint else keys
         units = arm_units(robot) if joint else _UNITS
         numbers: list[Number] = []
@@ -187,17 +185,17 @@ class Text:
             if key in spans
         }
         if joint and blank:
-            return self._left(kind, start, name, "a mastering position: all joints are zero")
+            return self._skipped(kind, start, name, "a mastering position: all joints are zero")
         if joint:
             found = joints(robot, numbers, beside)
             if isinstance(found, str):
-                return self._left(kind, start, name, found)
+                return self._skipped(kind, start, name, found)
             numbers = list(found)
             alone = Aim(number_here) if frames is not None else None
             return Literal(JOINT, tuple(numbers), place, name, source=self.number, alone=alone)
         digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
         if None in digits.values():
-            return self._left(kind, start, name, "S or T is not an integer", bad=True)
+            return self._skipped(kind, start, name, "S or T is not an integer", bad=True)
         status, turn = digits.get("S"), digits.get("T")
         external, not_corrected = beside_pose(robot, beside)
         return Literal(
@@ -221,18 +219,17 @@ class Text:
         large = number_at(self.text, *span, "") is None and re.fullmatch(r"[-+\d.eE]+", word)
         if is_not_finite(word) or (large and _too_large(word)):
             why = f"{key} is '{word[:30]}'; expected a number"
-            return self._left(kind, start, name, why, bad=True)
+            return self._skipped(kind, start, name, why, bad=True)
         why = f"a variable or an expression ({key} is '{word[:30]}')"
-        return self._left(kind, start, name, why)
+        return self._skipped(kind, start, name, why)
 
     def _integer(self, start: int, end: int) -> Digit | None:
-        inner = self.text[start:end]
-        first = start + len(inner) - len(inner.lstrip())
-        match = _INTEGER.fullmatch(inner.strip())
+        first, last = trimmed(self.text, start, end)
+        match = _INTEGER.fullmatch(self.text, first, last)
         if match is None:
             return None
         value = int(match[1]) if match[1] else int(match[2], 2) if match[2] else int(match[3], 16)
-        return Digit(first, first + len(inner.strip()), value)
+        return Digit(first, last, value)
 
 
 def _too_large(word: str) -> bool:

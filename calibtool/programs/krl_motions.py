@@ -102,7 +102,7 @@ class Motions(Assignments):
                 break
             if len(factors) == 1 and factors[0].word.lower() in _STANDS:
                 return  # where the robot stands already
-            aims.append(self._aim(factors, name, line))
+            aims.append(self._aim(factors, name))
             position = stop + 1
             if code[stop : stop + 1] != ",":
                 break
@@ -116,7 +116,7 @@ class Motions(Assignments):
             tuple(Aim(aim.value, frame, tool, obeyed, relative=aim.relative) for aim in aims),
         )
 
-    def _aim(self, factors: list[Factor], name: str, line: int) -> Aim:
+    def _aim(self, factors: list[Factor], name: str) -> Aim:
         first = factors[0]
         self.text.taken.update(factor.start for factor in factors)
         word = f"{first.word}{first.call}"[:40]

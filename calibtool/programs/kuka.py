@@ -49,7 +49,7 @@ _ASIDE = re.compile(
     r"(?:GLOBAL\s+)?(TRIGGER|ANIN\s+ON|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
 )
 _DO = re.compile(r"\bDO\s+(.*?)\s*(?:\bPRIO\s*=.*)?$", re.IGNORECASE | re.MULTILINE)
-_LISTED = 5  # routines named in a note
+_LISTED = 5  # number of routines named in a note
 
 
 def matches(text: str) -> bool:

@@ -94,8 +94,8 @@ class _Uses:
         entries: dict[str, State] = {name: {} for name in self.routines.order}
         for name in reversed(self.routines.order):
             at_entry = self._entered(entries[name])
-            for callee, asked in self.routines.summaries[name].calls.values():
-                for variable, atoms in asked.items():
+            for callee, values in self.routines.summaries[name].calls.values():
+                for variable, atoms in values.items():
                     found = self.variables.evaluation.entered(atoms, at_entry)
                     held = entries[callee].get(variable, frozenset())
                     entries[callee][variable] = self.variables.joined(variable, held, found)

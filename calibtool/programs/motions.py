@@ -20,7 +20,8 @@ from calibtool.programs.numbers import Number, Numbers, Remark
 from calibtool.robot.se3 import Array, readonly
 
 JOINT, POSE = "joint", "pose"
-EXTERNAL = "external axes beside a pose"  # why such a pose is left unless they may be ignored
+# Why such a pose is not corrected, unless external axes may be ignored
+EXTERNAL = "external axes beside a pose"
 FRAME, TOOL = "frame", "tool"
 
 

@@ -14,11 +14,11 @@ from calibtool.programs.motions import JOINT, Program
 from calibtool.programs.sequential_poses import follow_forest, forest
 from calibtool.robot.se3 import Array, inverse
 
-_SAME = 1e-6  # rad or m: nearer joint positions are one answer
+_SAME = 1e-6  # rad or m: joint positions that differ by less are one answer
 
 
 @dataclass(frozen=True, eq=False)
-class Stands:
+class NominalJoints:
     """Joint positions of the nominal robot at the positions of a program.
 
     q        per position the different joint positions of its uses, (n,) each; none if one of them
@@ -34,9 +34,9 @@ class Stands:
     T: Array
 
 
-def stands(
+def nominal_joints(
     controller: Controller, program: Program, flow: Flow, found: Sequence[Position]
-) -> Stands:
+) -> NominalJoints:
     """Solve every use of every position, near the previous use where the controller does so."""
     return _Solving(controller, program, flow, found).result()
 
@@ -80,7 +80,7 @@ class _Solving:
                 self.sure[k] = use.sure and all(known[b] for b in use.before)
                 self.before.append(use.before)
 
-    def result(self) -> Stands:
+    def result(self) -> NominalJoints:
         trees = forest(self.before, self.fixed.tolist())
         for row in trees.order:  # parts begin from the joints before them that are known
             if trees.parents[row] >= 0:
@@ -96,7 +96,7 @@ class _Solving:
             why.append(next((self.why[k] for k in uses if self.why[k]), ""))
             q.append([] if why[-1] else _different(rows))
             guessed.append(any(not self.sure[k] and not self.on_branch[k] for k in uses))
-        return Stands(q, why, guessed, self.T)
+        return NominalJoints(q, why, guessed, self.T)
 
     def _solve(self, rows: np.ndarray, start: Array) -> Array:
         """Solutions of uses near `start`, the previous position of the robot."""
@@ -111,19 +111,23 @@ class _Solving:
         return q
 
     def _answers(self, uses: np.ndarray, start: Array) -> Answers:
-        asked, strict = zip(*(self._asked(self.uses[k], self.sure[k]) for k in uses), strict=True)
+        configurations, strict = zip(
+            *(self._configuration(self.uses[k], self.sure[k]) for k in uses), strict=True
+        )
         start, external = start.copy(), []
         for row, use in enumerate(uses.tolist()):
             for joint, number in self.literals[self.uses[use].literal].external:
                 start[row, joint] = number.value
                 external.append((row, joint, number.value))
-        answers = solve(self.controller, self.T[self.place[uses]], start, asked, np.array(strict))
+        answers = solve(
+            self.controller, self.T[self.place[uses]], start, configurations, np.array(strict)
+        )
         for row, joint, value in external:
             if abs(answers.q[row, joint] - value) > _SAME:
                 answers.why[row] = f"the external axis at joint {joint + 1} is outside its limits"
         return answers
 
-    def _asked(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
+    def _configuration(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
         """The configuration data to use, and whether they decide; where the controller stays near
         the previous position, they only help.
         """

@@ -8,6 +8,7 @@ from functools import lru_cache
 from struct import Struct
 from typing import overload
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.units import LARGEST, TO_SI
 
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
@@ -111,12 +112,11 @@ class LineNumbers:
 
 def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
     """The number in text[start:end] without blanks; None for anything else, NaN and 1e999 too."""
-    inner = text[start:end]
-    first = start + len(inner) - len(inner.lstrip())
-    match = _NUMBER.fullmatch(inner.strip())
+    first, last = trimmed(text, start, end)
+    match = _NUMBER.fullmatch(text, first, last)
     if match is None or abs(float(match[0])) >= LARGEST:
         return None
-    return Number(first, first + len(inner.strip()), unit, float(match[0]) * TO_SI.get(unit, 1.0))
+    return Number(first, last, unit, float(match[0]) * TO_SI.get(unit, 1.0))
 
 
 def is_not_finite(text: str) -> bool:

@@ -12,8 +12,8 @@ from calibtool.programs.formats import coupling_of, detected
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-_REST = 2.0  # s at every position, for the instrument
-_AXES = 6  # that the positions of KUKA and ABB have room for
+_REST = 2.0  # s of waiting at every position, for the instrument
+_AXES = 6  # number of axes in the positions of KUKA and ABB
 
 
 class Row(NamedTuple):

@@ -7,7 +7,7 @@ from itertools import groupby
 from calibtool.programs.numbers import Remark
 from calibtool.tables import format_table
 
-_LISTED = 20  # lines named for one reason
+_LISTED = 20  # number of lines named for one reason
 _COLUMNS = ("file", "line", "name", "kind", "fate", "why")
 
 

@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from calibtool.programs.bracketed_lists import trimmed
+
 _ROUTINE = r"(?:LOCAL\s+)?(?:PROC|TRAP|FUNC\s+\w+)\s+(?P<routine>\w+)\s*+"
 _BLOCK = re.compile(
     r"\s*+(?:"
@@ -83,11 +85,7 @@ def statements(code: str) -> Iterator[Statement]:
             yield from _simple(code, position)
             position = _after(code, position)
             continue
-        at = (
-            position
-            + len(code[position : block.end()])
-            - len(code[position : block.end()].lstrip())
-        )
+        at, _ = trimmed(code, position, block.end())
         position = block.end()
         if block["head"]:
             position = _parameters(code, position)
@@ -120,17 +118,16 @@ def arguments(code: str, start: int, end: int) -> list[Argument]:
     depth, first, option = 0, start, False
 
     def add(stop: int) -> None:
-        inner = code[first:stop]
-        left, right = first + len(inner) - len(inner.lstrip()), first + len(inner.rstrip())
-        if right <= left:
+        start, end = trimmed(code, first, stop)
+        if start == end:
             return
         after = next((k for k in range(len(found) - 1, -1, -1) if not found[k].option), -1)
         if option:
-            name = re.compile(r"(\w+)\s*+(?::=|\?)?\s*+").match(code, left, right)
+            name = re.compile(r"(\w+)\s*+(?::=|\?)?\s*+").match(code, start, end)
             if name:
-                found.append(Argument(name.end(), right, name[1].lower(), after))
+                found.append(Argument(name.end(), end, name[1].lower(), after))
         else:
-            found.append(Argument(left, right, "", after))
+            found.append(Argument(start, end, "", after))
 
     for mark in _SEPARATOR.finditer(code, start, end):
         if mark[0] in "([{":
@@ -162,7 +159,7 @@ def _end(code: str, position: int) -> tuple[int, int, bool]:
 def _simple(code: str, position: int) -> Iterator[Statement]:
     """An assignment or instruction."""
     end, _, ended = _end(code, position)
-    at = position + len(code[position:end]) - len(code[position:end].lstrip())
+    at, _ = trimmed(code, position, end)
     if at >= end:
         return
     assigned = _ASSIGNED.match(code, at, end)

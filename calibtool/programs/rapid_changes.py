@@ -143,8 +143,8 @@ class Changes:
                 if isinstance(step, Call) and step.routine in bodies:
                     waiting.append((step.routine, bodies[step.routine]))
                 elif isinstance(step, Assign) and not step.name.startswith(f"{name}|"):
-                    said = name.rpartition("|")[2]
-                    why = f"{said} changes it, and when is not known (line {step.line})"
+                    changer = name.rpartition("|")[2]
+                    why = f"{changer} changes it, and when is not known (line {step.line})"
                     whys.setdefault(step.name, why)
         return whys
 

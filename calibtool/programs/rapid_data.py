@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Text:
     lines: LineNumbers
     robot: Robot
     literals: list[Literal]
-    # where positions begin that are among the literals
+    # Where positions begin that are among the literals.
     taken: set[int] = field(default_factory=set)
 
     def shape(self, start: int, end: int) -> str | None:
@@ -131,14 +131,12 @@ class Text:
         """Positions in code other than the data, assignments and arguments that are followed."""
         for type_, shape in SHAPES.items():
             for found in shape.finditer(self.code):
-                if found.start() not in self.taken:
-                    line = self.lines(found.start())
-                    yield Literal(
-                        POSE if type_ == "robtarget" else JOINT, (), line, type_,
-                        source=self.number,
-                            not_corrected="stands in something that is not followed",
-                        moved_to=self._is_solved(found.start()),
-                    )  # fmt: skip
+                start = found.start()
+                if start not in self.taken:
+                    why = "stands in something that is not followed"
+                    kind = POSE if type_ == "robtarget" else JOINT
+                    literal = self._literal(kind, start, type_, why)
+                    yield replace(literal, moved_to=self._is_solved(start))
 
     def _is_solved(self, position: int) -> bool:
         """Whether a position's joints are assigned to data to which a motion goes."""

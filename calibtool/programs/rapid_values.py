@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from calibtool.programs.bracketed_lists import closing
+from calibtool.programs.bracketed_lists import closing, trimmed
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -136,7 +136,7 @@ class Values:
             else:
                 stop = self.code.find(",", position, end - 1)
                 stop = end - 1 if stop < 0 else stop
-                yield position, self.trimmed(position, stop)[1]
+                yield position, trimmed(self.code, position, stop)[1]
                 position = stop
 
     def component(
@@ -175,12 +175,6 @@ class Values:
         else:
             components = tuple(zip(indices, values, strict=True))
             yield name, Edited(name, components, QUATERNION, line, why)
-
-    def trimmed(self, start: int, end: int) -> tuple[int, int]:
-        """The span without blanks at its ends."""
-        inner = self.code[start:end]
-        start += len(inner) - len(inner.lstrip())
-        return start, max(start, start + len(inner.strip()))
 
     def closed(self, start: int, name: str) -> bool:
         """Whether a list that begins here is closed; an open one is noted as an error."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
-from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split, trimmed
 from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, ProgramText, Routine
 from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
 from calibtool.robot.robot import Robot
@@ -80,7 +80,7 @@ class _Reader:
                 names.append((match.start(2), found))
             elif measured := _measured(code, match.start()):
                 why = f"was measured ({measured}), not asked for"
-                self._left(lines(match.start(2)), measured, why, number)
+                self._skip(lines(match.start(2)), measured, why, number)
             elif spans or alias:
                 points.append(
                     (match.start(2), spans, node["anchor"] or "", alias[1] if alias else "")
@@ -112,7 +112,7 @@ class _Reader:
             why = "external axes: not joints of the calibration"
             self.remarks.append(Remark(lines(names[0][0]), ", ".join(extra), why, source=number))
 
-    def _left(self, line: int, name: str, why: str, source: int) -> None:
+    def _skip(self, line: int, name: str, why: str, source: int) -> None:
         literal = Literal(JOINT, (), line, name, source=source, not_corrected=why)
         self.literals.append(literal)
 
@@ -164,23 +164,16 @@ def _elements(code: str, start: int) -> list[tuple[int, int]]:
             raise InputError("a bracket is not closed")
         if not code[flow.end() : end].strip():
             return []
-        return [_trimmed(code, *span) for span in split(code, flow.end(), end)]
+        return [trimmed(code, *span) for span in split(code, flow.end(), end)]
     spans = []
     rest = re.compile(r"[ \t]*(?:\r\n|\n|\r)").match(code, start)
     position = rest.end() if rest else start
     while bullet := _BULLET.match(code, position):
         if re.match(r"[\"']?\w+[\"']?\s*:", bullet[1]):  # the next mapping, not an element
             break
-        spans.append(_trimmed(code, *bullet.span(1)))
+        spans.append(trimmed(code, *bullet.span(1)))
         position = bullet.end()
         position += len(code[position : position + 2]) - len(
             code[position : position + 2].lstrip("\r\n")
         )
     return spans
-
-
-def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:
-    """The span without blanks, comments among them."""
-    inner = code[start:end]
-    start += len(inner) - len(inner.lstrip())
-    return start, start + len(inner.strip())

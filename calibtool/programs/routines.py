@@ -18,9 +18,10 @@ from calibtool.programs.motions import (
 )
 from calibtool.programs.numbers import Remark
 from calibtool.programs.values import Atom, Atoms, joined
-from calibtool.programs.variables import NOWHERE, STANDS, State, Variables
+from calibtool.programs.variables import NOWHERE, ROBOT_AT, State, Variables
 
-ROUNDS = 4  # until what is kept, or left by recursion, has settled
+# Number of passes in which the effects of recursive routines must settle; else they are unknown
+ROUNDS = 4
 
 
 @dataclass(slots=True, eq=False)
@@ -40,10 +41,12 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """Values of variables after a routine, and its calls with the values that these read."""
+    """Values of variables after a routine, names of the variables that it reads, and its calls with
+    the values that these read.
+    """
 
     after: State = field(default_factory=dict)
-    asked: set[str] = field(default_factory=set)
+    reads: set[str] = field(default_factory=set)
     calls: dict[int, tuple[str, State]] = field(default_factory=dict)
 
 
@@ -86,13 +89,13 @@ class Routines:
         else:
             for name in self._recursive:
                 unsettled = frozenset(
-                    [Unknown(f"is assigned by {_said(name)}, which calls itself")]
+                    [Unknown(f"is assigned by {_plain(name)}, which calls itself")]
                 )
                 self.summaries[name].after |= dict.fromkeys(self.variables.assigned, unsettled)
         end: State = {}
         for name in self.order:
             for variable, atoms in self.summaries[name].after.items():
-                if variable != STANDS and name not in self._called:
+                if variable != ROBOT_AT and name not in self._called:
                     end[variable] = self.variables.joined(
                         variable, end.get(variable, frozenset()), atoms
                     )
@@ -102,9 +105,9 @@ class Routines:
         summary = Summary()
 
         def entry(name: str) -> Atoms:
-            if root or (name not in self.variables.assigned and name != STANDS):
+            if root or (name not in self.variables.assigned and name != ROBOT_AT):
                 return self.variables.begin(name)
-            summary.asked.add(name)
+            summary.reads.add(name)
             return frozenset([Entry(name)])
 
         graph = self.graphs[routine.name]
@@ -124,7 +127,7 @@ class Routines:
                         waiting.add(following)
         if states[-1] is None and routine.name in self._recursive:
             line = self._recursive[routine.name]
-            self.remark(line, _said(routine.name), "calls itself without end", routine, bad=True)
+            self.remark(line, _plain(routine.name), "calls itself without end", routine, bad=True)
         summary.after = states[-1] or {}
         return summary
 
@@ -169,7 +172,7 @@ class Routines:
 
         if isinstance(action, Move):
             for aim in action.aims:
-                state[STANDS] = self._aim(action, aim, variable, routine)
+                state[ROBOT_AT] = self._aim(action, aim, variable, routine)
         elif isinstance(action, Assign):
             if action.name in self.variables.assigned:
                 state[action.name] = self.variables.evaluation.atoms(action.value, variable)
@@ -178,14 +181,14 @@ class Routines:
             given = {
                 name: self.variables.evaluation.atoms(v, variable) for name, v in action.arguments
             }
-            asked = {name: given.get(name) or variable(name) for name in sorted(callee.asked)}
+            reads = {name: given.get(name) or variable(name) for name in sorted(callee.reads)}
             _, before = summary.calls.get(id(action), ("", {}))
             found = {
-                n: self.variables.joined(n, a, before.get(n, frozenset())) for n, a in asked.items()
+                n: self.variables.joined(n, a, before.get(n, frozenset())) for n, a in reads.items()
             }
             summary.calls[id(action)] = action.routine, found
             for name, atoms in callee.after.items():
-                state[name] = self.variables.evaluation.entered(atoms, asked.__getitem__)
+                state[name] = self.variables.evaluation.entered(atoms, reads.__getitem__)
         elif action.routine in self.routines:
             self._recursive.setdefault(routine.name, action.line)
             return False
@@ -195,7 +198,7 @@ class Routines:
         self, move: Move, aim: Aim, variable: Callable[[str], Atoms], routine: Routine
     ) -> Atoms:
         """Note the target of a motion; returns the position of the robot afterwards."""
-        before, reached, unknown = variable(STANDS), set[Atom](), False
+        before, reached, unknown = variable(ROBOT_AT), set[Atom](), False
         for atom in self.variables.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
                 unknown = True
@@ -213,12 +216,12 @@ class Routines:
                 setattr(node, name, joined(getattr(node, name), found))
             if aim.near is not None:
                 node.near |= self.variables.evaluation.atoms(aim.near, variable)
-            node.before = self.variables.joined(STANDS, node.before, before)
+            node.before = self.variables.joined(ROBOT_AT, node.before, before)
             reached.add(number)
         if aim.relative:
             self.remark(move.line, move.name, aim.relative, routine)
-        stands = frozenset(reached | before | {NOWHERE} if unknown else reached)
-        return self.variables.joined(STANDS, stands, stands)
+        after = frozenset(reached | before | {NOWHERE} if unknown else reached)
+        return self.variables.joined(ROBOT_AT, after, after)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
         """Note a motion to an unknown target; an edited copy makes its literal no constant."""
@@ -235,7 +238,7 @@ class Routines:
         self.remarks.setdefault((line, f"{routine.source} {name} {why}"), remark)
 
 
-def _said(name: str) -> str:
+def _plain(name: str) -> str:
     """The name of a routine in messages, without its module and text."""
     return name.rpartition("|")[2]
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from calibtool.robot.se3 import Array
 
-_PART = 96  # poses one after the other in a part
-_SAME = 1e-6  # rad or m: a smaller difference of where to start leads to the same answer
+_PART = 96  # number of consecutive poses in a part
+_SAME = 1e-6  # rad or m: starts that differ by less lead to the same answer
 
 # Rows and where to start from (N, n) → joint positions (N, n); a row without an answer
 # keeps its start.

@@ -50,7 +50,7 @@ _PLAIN: dict[str, tuple[Step, ...]] = {
     "ENDFOR": (End(),), "END": (Return(),), "ENDE": (Return(),), "ABORT": (Return(),),
 }  # fmt: skip
 _FOR = re.compile(r"FOR\b", re.IGNORECASE)
-_LISTED = 5  # lines in a note
+_LISTED = 5  # number of lines named in a note
 
 
 class Instructions:
@@ -69,7 +69,7 @@ class Instructions:
             if which is None:
                 why = "which position is assigned, a register tells"
                 reader.remarks.append(Remark(line, position, why, source=reader.source))
-        self.taught = reader.read(section.positions, self._left(relative), relative)
+        self.taught = reader.read(section.positions, self._not_corrected(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
         """Frames and tools that are assigned, by kind and number ("" if unknown), and why."""
@@ -101,14 +101,14 @@ class Instructions:
                     position = match[0].rstrip("= ")[:30]
                     yield one.line, position, int(match[1]) if match[1] else None
 
-    def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
+    def _not_corrected(self, relative: dict[int, int]) -> Callable[[int], str]:
         """Why positions of this program are not corrected, by their numbers."""
-        left = {
+        reasons = {
             number: f"a relative motion (INC in line {line})" for number, line in relative.items()
         }
         for line, _, number in self.written:
             if number is not None:
-                left[number] = f"it is assigned (line {line})"
+                reasons[number] = f"it is assigned (line {line})"
         points = [(found, point) for found in self.motions.values() for point in found.points]
         moved_to = {point.number for _, point in points if point.kind == "P"}
         assigned = [
@@ -125,7 +125,7 @@ class Instructions:
             ),
             next(iter(assigned), ""),
         )
-        return lambda number: left.get(number, "" if number in moved_to else somewhere)
+        return lambda number: reasons.get(number, "" if number in moved_to else somewhere)
 
     def alone(self, literals: list[Literal]) -> None:
         """Allow positions to which no motion goes to be corrected in their own frame."""

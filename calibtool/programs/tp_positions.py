@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 
+from calibtool.programs.bracketed_lists import trimmed
 from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
@@ -100,8 +101,10 @@ class Positions:
                 if group[1] != "1":
                     why = "another motion group: only group 1 is this robot"
                     kind = JOINT if any(key.startswith("J") for key in read.values) else POSE
-                    self._add(Literal(kind, (), self.lines(group.start()), f"{name} GP{group[1]}",
-                                      source=self.source, not_corrected=why))  # fmt: skip
+                    place, label = self.lines(group.start()), f"{name} GP{group[1]}"
+                    self._add(
+                        Literal(kind, (), place, label, source=self.source, not_corrected=why)
+                    )
                     continue
                 why = "is written more than once" if twice[number] > 1 else not_corrected(number)
                 literal = self._literal(read, name, why)
@@ -127,7 +130,7 @@ class Positions:
         group = _Group(self.lines(start))
         for item in _ITEM.finditer(self.code, start, end):
             word = item[0].strip()
-            first = item.start() + len(item[0]) - len(item[0].lstrip())
+            first, _ = trimmed(self.code, *item.span())
             if not word or group.bad:
                 continue
             group.end = first

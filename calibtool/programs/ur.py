@@ -276,7 +276,7 @@ class _Script(Positions):
 
     def _aim(self, start: int, end: int, name: str) -> Aim:
         start, end, tool, near = self._solved(start, end)
-        value = self.value(start, end, name, told=True)
+        value = self.value(start, end, name, in_motion=True)
         if isinstance(value, str) and value in self.names.solved:
             tool, near = f"{value} tool", f"{value} near"
         if isinstance(value, int) and self.literals[value].kind == POSE:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Container, Sequence
 
-from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split, trimmed
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import (
     JOINT,
@@ -75,13 +75,14 @@ class Positions:
             return f"{self.function.key}|{name}"
         return self.names.variable(self.number, name)
 
-    def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """The value of an expression: a position, a variable, or unknown. told: in a motion."""
+    def value(self, start: int, end: int, name: str, in_motion: bool = False) -> Value:
+        """The value of an expression: a position, a variable, or unknown. in_motion: of
+        a motion instruction."""
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
         if opening and closing(self.code, start + opening.end()) == end - 1:
-            if told or opening[0] or self._is_joints(start, end):
-                return self._literal(start, end, name, told)
+            if in_motion or opening[0] or self._is_joints(start, end):
+                return self._literal(start, end, name, in_motion)
             return Unknown(f"is no position (line {line})")
         variable = re.fullmatch(r"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?", word)
         function = re.match(r"(\w+)\s*\(", word)
@@ -95,7 +96,7 @@ class Positions:
             return Either(tuple(elements)) if elements else Unknown(f"an expression ({word[:40]})")
         if function and (function[1] in _RELATIVE or _READ.match(function[1])):
             return Unknown(f"a relative motion ({function[1]})")
-        if told:
+        if in_motion:
             return Unknown(f"an expression ({self.text[start:end][:40]})")
         return Unknown(f"is computed (line {line})")
 
@@ -103,7 +104,7 @@ class Positions:
         """Whether a list is one of as many numbers as the robot has joints."""
         return not isinstance(self._numbers(start, end, self.robot.joint_units), str)
 
-    def _literal(self, start: int, end: int, name: str, told: bool) -> int:
+    def _literal(self, start: int, end: int, name: str, in_motion: bool) -> int:
         kind = POSE if self.code[start] == "p" else JOINT
         units = _UNITS if kind == POSE else self.robot.joint_units
         opening = start + 1 if kind == POSE else start
@@ -115,7 +116,7 @@ class Positions:
             not_corrected = f"an expression ({read[:30]})"
             if count != len(units):
                 which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
-                not_corrected, bad = f"holds {count} values; expected {which}", told
+                not_corrected, bad = f"holds {count} values; expected {which}", in_motion
             elif is_not_finite(read):
                 not_corrected, bad = f"'{read}'; expected a number", True
         numbers = () if isinstance(read, str) else tuple(read)
@@ -160,17 +161,20 @@ class Positions:
         for found in _SHAPE.finditer(self.code):
             if found.start() not in self._taken:
                 before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
-                calls = CALL.findall(re.split(r"[\r\n]", before)[-1])
-                where = f"an argument of {calls[-1]}" if calls else "an expression"
-                why = f"{where}, which is no motion that is known"
-                line = self.lines(found.start())
+                before = re.split(r"[\r\n]", before)[-1]
+                name = next(reversed(CALL.findall(before)), "")
+                where = f"an argument of {name}" if name else "an expression"
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number,
-                            not_corrected=why,
-                        moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
+                        POSE,
+                        (),
+                        self.lines(found.start()),
+                        name,
+                        source=self.number,
+                        not_corrected=f"{where}, which is no motion that is known",
+                        moved_to=_is_place(before, aims),
                     )
-                )  # fmt: skip
+                )
 
 
 def _is_place(before: str, aims: Container[str]) -> bool:
@@ -190,10 +194,5 @@ def _is_place(before: str, aims: Container[str]) -> bool:
 
 def elements_of(code: str, start: int, end: int) -> list[tuple[int, int]]:
     """The elements of a list in brackets, without blanks."""
-    found = []
-    for first, last in split(code, start + 1, end - 1):
-        inner = code[first:last]
-        if inner.strip():
-            first = last - len(inner.lstrip())
-            found.append((first, first + len(inner.strip())))
-    return found
+    spans = [trimmed(code, *span) for span in split(code, start + 1, end - 1)]
+    return [(first, last) for first, last in spans if first < last]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split, trimmed
 
 # Motions and the parameters that say where they go.
 MOTIONS = {
@@ -36,7 +36,7 @@ _END = re.compile(r"\bend\b[^\S\n\r]*+$")
 CALL = re.compile(r"\b([A-Za-z_]\w*)\s*+(?=\()")
 MOTION_CALL = re.compile(rf"\b(?:{'|'.join(MOTIONS)})\s*\(")
 MOVED_TO = re.compile(rf"{MOTION_CALL.pattern}\s*(?:\w+\s*=\s*)?(\w+)\s*[,)]")
-_LONGEST = 200  # characters of a constant expression
+_LONGEST = 200  # characters that a constant expression may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +71,9 @@ def arguments(code: str, opening: int) -> list[tuple[str, int, int]]:
     found = []
     for start, stop in split(code, opening + 1, end) if end is not None else ():
         named = re.compile(r"\s*+([A-Za-z_]\w*)\s*+=(?!=)").match(code, start, stop)
-        inner = code[named.end() if named else start : stop]
-        first = stop - len(inner.lstrip())
-        if inner.strip():
-            found.append((named[1] if named else "", first, first + len(inner.strip())))
+        first, last = trimmed(code, named.end() if named else start, stop)
+        if first < last:
+            found.append((named[1] if named else "", first, last))
     return found
 
 
@@ -162,8 +161,7 @@ def _colon(code: str, position: int, end: int) -> int:
 
 
 def _simple(code: str, position: int, end: int) -> Statement:
-    at = position + len(code[position:end]) - len(code[position:end].lstrip())
-    end = position + len(code[position:end].rstrip())
+    at, end = trimmed(code, position, end)
     assigned = _ASSIGNED.match(code, position, end)
     if assigned is None:
         return Statement("plain", at, at, end)

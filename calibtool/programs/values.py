@@ -24,7 +24,7 @@ from calibtool.programs.motions import (
 )
 from calibtool.robot.orientation import QUATERNION
 
-_DIFFERENT = 8  # computed values of one place: more are as good as unknown
+_DIFFERENT = 8  # with more computed values than this, a place counts as unknown
 
 
 Atom = int | Frame | Unknown | Setting | Entry | Product | Edited  # the last two hold an Entry

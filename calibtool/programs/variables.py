@@ -7,11 +7,12 @@ from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, Value
 from calibtool.programs.values import MANY, Atoms, ValueAnalysis, joined
 
-STANDS = ""  # the variable that holds at which uses the robot stands
-NOWHERE = -1  # among them: or somewhere that nobody knows
-BEFORE = 8  # uses from which the branch of a position is looked for
-_POSITIONS = 1000  # literals that a variable can hold: more are as good as unknown
-_WORK = 5_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
+ROBOT_AT = ""  # the variable that holds the uses at which the robot may be
+NOWHERE = -1  # among these uses: the robot may also be at an unknown place
+BEFORE = 8  # number of earlier uses among which the branch of a position is looked for
+_POSITIONS = 1000  # a variable that can hold more literals than this counts as unknown
+# Above this number of blocks times variables, a variable holds all its values everywhere
+_WORK = 5_000_000
 _EMPTY: Atoms = frozenset([Unknown("a variable that no file gives a value")])
 
 State = dict[str, Atoms]
@@ -73,7 +74,7 @@ class Variables:
         known = self._beginning.get(name, frozenset())
         if known:
             return known
-        if name == STANDS:
+        if name == ROBOT_AT:
             return frozenset([NOWHERE])
         if known is None:
             return frozenset([Unknown("is made of itself")])
@@ -87,10 +88,10 @@ class Variables:
     def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
         """The union of possible values; with very many, literals are no constants."""
         both = joined(one, other)
-        if len(both) <= BEFORE or (name != STANDS and len(both) <= _POSITIONS):
+        if len(both) <= BEFORE or (name != ROBOT_AT and len(both) <= _POSITIONS):
             return both
         literals = [atom for atom in both if isinstance(atom, int)]
-        if name == STANDS:  # the lowest, and perhaps others
+        if name == ROBOT_AT:  # the lowest, and perhaps others
             first = sorted(number for number in literals if number != NOWHERE)[:BEFORE]
             return both.difference(literals) | {*first, NOWHERE}
         for number in literals:

@@ -16,7 +16,7 @@ from calibtool.programs.nominal_joints import placed
 from calibtool.programs.numbers import Remark, pieces, rewritten
 from calibtool.robot.se3 import Array
 
-_NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
+_NO_CHANGE = 1e-9  # rad or m: the text of a target that changes by less stays as it is
 _GUESSED = "its branch is a guess: the program does not state from where the robot comes"
 _TURNED = "a joint passes into another turn: its configuration data are changed too"
 

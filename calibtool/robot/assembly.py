@@ -17,8 +17,8 @@ _STEPS = 60
 # Largest |r| (rad, or lengths) of a closed configuration: equations that say the same twice
 # contradict each other by the rounding of a CAD program's numbers.
 _CLOSED = 1e-5
-_AT_LIMIT = 1e-6  # rad or m: what a position is rounded to
-_STARTS = 100  # of the search for a closed configuration
+_AT_LIMIT = 1e-6  # rad or m: rounding of a written position
+_STARTS = 100  # number of starts of the search for a closed configuration
 _HELD = 0.02  # smallest singular value of C_p, of the largest, at a configuration that is chosen
 
 
@@ -41,9 +41,8 @@ def closed_configuration(
             check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
         raise InputError(
             f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
-            "come together while the "
-            "actuators stay there; correct link lengths and frames, or give positions at which the "
-            "mechanism is closed"
+            "come together while the actuators stay there; correct link lengths and frames, or "
+            "give positions at which the mechanism is closed"
         )
     moved = np.abs((theta - start) / scale)
     if moved.max(initial=0.0) > _OPEN:
@@ -68,8 +67,7 @@ def closed_configuration(
 
 def outside_limits(tree: Tree, theta: Array) -> np.ndarray:
     """Which joints are beyond their limits at θ (J,): (J,) bool."""
-    outside: np.ndarray = (theta < tree.lower - _AT_LIMIT) | (theta > tree.upper + _AT_LIMIT)
-    return outside
+    return (theta < tree.lower - _AT_LIMIT) | (theta > tree.upper + _AT_LIMIT)
 
 
 def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:

@@ -23,7 +23,7 @@ from calibtool.robot.urdf import (
 )
 
 LimitSource = Literal["urdf", "continuous", "missing", "swapped", "zero", "unbounded"]
-# What limits that are none are said to be: "slide 'lift' has no limits", "no limits at j2".
+# Descriptions of missing limits for messages: "slide 'lift' has no limits".
 NO_LIMITS = {
     "missing": "has no limits",
     "swapped": "has a lower limit above the upper one",

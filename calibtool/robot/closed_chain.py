@@ -99,8 +99,8 @@ def chain_of(source: Source) -> SerialChain | ClosedChain:
     tool. A bare URDF with such joints is refused: it does not say whether a motor follows.
     """
     description, kinematics = source.description, source.description.kinematics
-    said = description.assumed is None or kinematics.actuated is not None
-    if kinematics.loops or (said and _mimics_before_tool(source)):
+    stated = description.assumed is None or kinematics.actuated is not None
+    if kinematics.loops or (stated and _mimics_before_tool(source)):
         return build_closed_chain(source)
     return build_chain(source)
 

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from calibtool.robot.se3 import Array
+from calibtool.robot.orientation import of_fixed_angles
+from calibtool.robot.se3 import Array, translation
 
 if TYPE_CHECKING:
     from calibtool.robot.robot import Robot
 
-_MOST = 0.75  # of its length: a chain that is not shorter keeps its frames
-_STROKE = 1e3  # m: no limit of a slide; the controller's limits are the nominal robot's
+_MOST = 0.75  # of its length: a chain that is not shortened to this part keeps its frames
+_STROKE = 1e3  # m: stands for no limit of a slide; the limits are those of the nominal robot
 
 
 class Step(NamedTuple):
@@ -85,15 +86,9 @@ def near_frames(steps: Sequence[Sequence[Step]]) -> list[list[Step]]:
 def _product(steps: Sequence[Step]) -> Array:
     """A product of placements (4, 4)."""
     result = np.eye(4)
-    for (x, y, z), (roll, pitch, yaw) in steps:
-        step = np.eye(4)
-        (sr, cr), (sp, cp), (sy, cy) = ((np.sin(v), np.cos(v)) for v in (roll, pitch, yaw))
-        step[:3, :3] = [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-        step[:3, 3] = x, y, z
+    for xyz, rpy in steps:
+        step = translation(xyz)
+        step[:3, :3] = of_fixed_angles(np.array([rpy]))[0]
         result = result @ step
     return result
 

@@ -18,14 +18,15 @@ from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
 from calibtool.robot.mjcf import read_mjcf
 from calibtool.robot.parallel_yaml import is_parallel, read_parallel
 from calibtool.robot.sdf import read_sdf
-from calibtool.robot.ur_frames import FRAMES, ur_frames
+from calibtool.robot.universal_robots import is_changes
+from calibtool.robot.ur_frames import FRAMES, is_frames, ur_frames
 from calibtool.robot.urdf_text import Converted
 from calibtool.robot.xacro_expansion import expanded_xacro
 
 Kind = Literal[
     "toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "ur-conf", "kuka-machine"
 ]
-# What nobody wrote a robot.toml for, in the line of what was assumed.
+# Descriptions without a robot.toml, as the message about assumptions names them.
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
     "xacro": "a bare xacro file",
@@ -66,8 +67,6 @@ _XML = {
     "Robot": "a robot of OpenRAVE; convert it to a URDF",
     "model": "the manifest of a Gazebo model",
 }
-_CONF = re.compile(r"^[ \t]*(?:\[mounting\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
-_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 _TOML = re.compile(
     r"^[ \t]*(?:\[[ \t]*(?:kinematics|targets|limits)[ \t.\]]|(?:name|title)[ \t]*=)", re.MULTILINE
 )
@@ -75,11 +74,11 @@ _PROPERTY = "xacro:property"
 _MACRO = re.compile(r"\$\{|\$\(")
 
 
-def told(data: bytes, path: Path) -> tuple[Kind, str]:
+def recognise(data: bytes, path: Path) -> tuple[Kind, str]:
     """The kind of a file with these bytes, and its text; InputError where it is no robot."""
     place = str(path)
     if is_xml(data):
-        return _told_xml(decoded_xml(data, place), place)
+        return _recognise_xml(decoded_xml(data, place), place)
     for mark, what in _BYTES:
         if data.startswith(mark):
             raise InputError(f"{place}: {what}; {ACCEPTED}")
@@ -97,13 +96,13 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
         raise InputError(f"{place}: cannot be read, the file is empty; {ACCEPTED}")
     if is_dh(text):
         return "dh", text
-    if _CONF.search(text):
+    if is_changes(text):
         return "ur-conf", text
     if is_machine_data(text):
         return "kuka-machine", text
     if is_parallel(text):
         return "parallel", text
-    if _YAML.search(text):
+    if is_frames(text):
         return "ur-yaml", text
     if _TOML.search(text):
         return "toml", text
@@ -111,7 +110,7 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
     raise InputError(f"{place}: {what}; {ACCEPTED}")
 
 
-def _told_xml(text: str, place: str) -> tuple[Kind, str]:
+def _recognise_xml(text: str, place: str) -> tuple[Kind, str]:
     root = parse_xml(text, place, "URDF")
     if root.tag == "mujoco":
         return "mjcf", text

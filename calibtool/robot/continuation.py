@@ -16,15 +16,15 @@ At = Callable[[np.ndarray, Array], tuple[Array, Array, Closure]]
 Equations = Callable[[Array, np.ndarray], At]
 
 _ITERATIONS = 12
-_ARRIVED = 1e-12  # rad: after a smaller step, what is left is below its square
-_ROUNDED = 1e-9  # rad: and after that many steps, one this small is rounding near a singularity
+_ARRIVED = 1e-12  # rad: after a step smaller than this, the remaining error is below its square
+_ROUNDED = 1e-9  # rad: after _MANY steps, a step smaller than this is rounding near a singularity
 _MANY = 7
 _LONGEST = 0.5  # rad, or lengths: the equations are not linear over longer steps
-_DIFFERENCE = 1e-4  # rad, or lengths
-_CELLS = 4096  # starts
+_DIFFERENCE = 1e-4  # rad, or lengths: step of the numerical derivatives
+_CELLS = 4096  # largest number of starts
 # Larger corrections of a prediction (rad, or lengths) end in another assembly mode.
 _JUMP = 0.25
-_OF_WAY = 0.5  # and so does one that is larger than this part of the way
+_OF_WAY = 0.5  # of the way: larger corrections of a prediction also end in another assembly mode
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, cast
 
 from calibtool.errors import InputError
 from calibtool.robot.constant_placements import Step
-from calibtool.units import ANGLES, LARGEST, LENGTHS, TO_SI
+from calibtool.units import ANGLES, LENGTHS, TO_SI, number_in
 
 DhConvention = Literal["standard", "modified"]
 DH_CONVENTIONS = ("standard", "modified")
@@ -72,11 +72,10 @@ class DhText(NamedTuple):
         """The cells of a column as numbers. InputError with place and column for what is none."""
         found = []
         for place, text in zip(self.places, self.texts(column), strict=True):
-            try:
-                value = math.nan if "_" in text else float(text)  # Python would read 1_0 as ten
-            except ValueError:
-                value = _of_pi(text) if column.endswith("_rad") else math.nan
-            if not abs(value) < LARGEST:
+            value = number_in(text)
+            if math.isnan(value) and column.endswith("_rad"):
+                value = _of_pi(text)
+            if math.isnan(value):
                 holds = f"holds '{text}'" if text.strip() else "is empty"
                 raise InputError(f"{place}: column '{column}' {holds}; expected a number")
             found.append(value)
@@ -177,15 +176,15 @@ def read_dh(table: DhText) -> DhTable:
                 "order, before them a row 'base' and behind them a row 'tool' if there are any"
             )
     kinds = _one_of(table, "type", ("revolute", "prismatic"), first, last)
-    said = set(_one_of(table, "convention", DH_CONVENTIONS, 0, count))
-    if len(said) > 1:
+    conventions = set(_one_of(table, "convention", DH_CONVENTIONS, 0, count))
+    if len(conventions) > 1:
         raise InputError(f"{table.name}: the column 'convention' holds both of them; expected one")
     return DhTable(
         rows[first:last],
         rows[:first],
         rows[last:],
         [kind == "prismatic" for kind in kinds] or None,
-        cast("DhConvention | None", next(iter(said), None)),
+        cast("DhConvention | None", next(iter(conventions), None)),
         _limits(table, [kind == "prismatic" for kind in kinds], first, last),
     )
 

@@ -38,9 +38,10 @@ class Placement(_Strict):
 
 class Kinematics(_Strict):
     """Source of the kinematics: one of `urdf` (a path beside robot.toml, of any description that
-    `contents.told` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`, rows
-    of a table in a convention), and `nominal`, a UR arm of the catalogue, with the `calibration` of
-    one arm: the calibration.conf of its controller, or the calibration.yaml of the driver.
+    `contents.recognise` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`,
+    rows of a table in a convention), and `nominal`, a UR arm of the catalogue, with the
+    `calibration` of one arm: the calibration.conf of its controller, or the calibration.yaml of the
+    driver.
     """
 
     urdf: str | None = None
@@ -54,9 +55,8 @@ class Kinematics(_Strict):
     tool_frame: str  # of numbers and calibrations: tool0 unless named
     locked_joints: dict[str, Number] = {}  # rad or m
     loops: list[LoopTable] = []
-    actuated: list[str] | None = (
-        None  # joints with a motor, in their order; with loops or mimic joints
-    )
+    # Joints with a motor, in their order; with loops or mimic joints.
+    actuated: list[str] | None = None
     closed_at: dict[str, Number] = {}  # rad or m: a closed configuration, the assembly mode
     length: Annotated[Number, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
 
@@ -182,7 +182,7 @@ class Description(_Strict):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     title: str
     notes: list[str] = []
-    assumed: str | None = None  # where nobody wrote a robot.toml: what was taken to be so
+    assumed: str | None = None  # without a robot.toml: what was assumed
     kinematics: Kinematics
     limits: dict[str, tuple[Number, Number]] = {}  # by column name: j1_deg = [-180, 180]
     targets: Targets
@@ -190,9 +190,8 @@ class Description(_Strict):
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
     mounting: Mounting = Mounting()
-    external: dict[
-        ExternalName, JointName
-    ] = {}  # external axes of programs that are joints of this chain
+    # External axes of programs that are joints of this chain.
+    external: dict[ExternalName, JointName] = {}
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
     controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 

@@ -10,8 +10,8 @@ from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
-_CARRIES_LOAD = 0.02  # of the largest joint's torque: joints that carry load
-_TURNS = 1e-6  # of the same: less is rounding
+_CARRIES_LOAD = 0.02  # of the largest joint's torque: joints with at least this carry load
+_TURNS = 1e-6  # of the largest joint's torque: less is rounding
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:
@@ -85,7 +85,7 @@ def load_carrying(robot: Robot) -> np.ndarray:
 
 
 def turned_by_gravity(robot: Robot) -> np.ndarray:
-    """Revolute joints that gravity turns at all, whatever masses the description has: (n,) bool."""
+    """Revolute joints that gravity turns at all, independent of the masses: (n,) bool."""
     return _reaching(robot, _TURNS)
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from calibtool.robot.inverse_starts import drawn, starts_of
 from calibtool.robot.reach import excluded
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, log3
-from calibtool.robot.singularity import at_point, scale_rows
+from calibtool.robot.se3 import Array, pose_difference
+from calibtool.robot.singularity import weighted_jacobian
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 
-# rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
+# rad (or characteristic lengths): over longer steps the Jacobian is not accurate
 _STEP_LIMIT = 0.6
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
@@ -76,8 +76,8 @@ def solve_poses(
     iterations = np.zeros(count, dtype=int)
     caution = np.zeros(count)  # damping beside that of _damped_step, raised while steps fail
     pose, jacobian = forward_and_jacobian(q)
-    error = _tool_error(target, pose, length)
-    jacobian = scale_rows(at_point(jacobian, pose[:, :3, 3]), length)
+    error = pose_difference(target, pose, length)
+    jacobian = weighted_jacobian(jacobian, pose, length)
     active = np.arange(count)
     for _ in range(max_iterations):
         if not len(active):
@@ -93,12 +93,12 @@ def solve_poses(
         moved = np.abs(proposed - q[active]).max(axis=-1)
         iterations[active] += 1
         new_pose, new_jacobian = forward_and_jacobian(proposed)
-        new_error = _tool_error(target[active], new_pose, length)
+        new_error = pose_difference(target[active], new_pose, length)
         before, after = np.linalg.norm(error[active], axis=-1), np.linalg.norm(new_error, axis=-1)
         better = (after <= before) | (np.isfinite(after) & (not descend))  # a pose there is
         rows = active[better]
         q[rows], error[rows] = proposed[better], new_error[better]
-        jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
+        jacobian[rows] = weighted_jacobian(new_jacobian[better], new_pose[better], length)
         caution[active] = np.where(
             better, caution[active] / 5, np.maximum(5 * caution[active], 1e-4)
         )
@@ -149,7 +149,7 @@ def inverse_kinematics(
             max_iterations=max_iterations,
             tolerance=tolerance,
         )
-        result.q[:] = _nearest_turn(robot, result.q, seed[rows])
+        result.q[:] = nearest_turn(robot, result.q, seed[rows])
         return result
 
     every = np.arange(len(target))
@@ -230,7 +230,7 @@ def _bounded_step(
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
     """Least-squares step (N, n), of minimum norm for n > 6, damped by |error|² + caution."""
     transposed = np.swapaxes(jacobian, -1, -2)
-    # The last term keeps the matrix regular at a singularity: it must not drown in the rounding
+    # The last term keeps the matrix regular at a singularity: it must be larger than the rounding
     # of large entries.
     damping = (
         np.minimum((error**2).sum(-1), 1.0) * 0.03
@@ -245,14 +245,11 @@ def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
     return np.linalg.solve(gram, transposed @ error[..., None])[..., 0]
 
 
-def _tool_error(target: Array, pose: Array, length: float) -> Array:
-    """Displacement of the tool point over `length` and rotation vector, both in K_0: (N, 6)."""
-    rotation = log3(target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
-    return np.concatenate([(target[:, :3, 3] - pose[:, :3, 3]) / length, rotation], axis=-1)
+def nearest_turn(robot: Robot, q: Array, seed: Array) -> Array:
+    """The same poses with every angle within half a turn of the seed where the limits allow it.
 
-
-def _nearest_turn(robot: Robot, q: Array, seed: Array) -> Array:
-    """The same pose with every angle within half a turn of the seed, where the limits allow it."""
+    q and seed (N, n), rad or m: (N, n).
+    """
     turned = q - 2 * np.pi * np.round((q - seed) / (2 * np.pi))
     allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
     return np.where(allowed, turned, q)

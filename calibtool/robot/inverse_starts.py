@@ -10,7 +10,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _COUNT = 2048
-_SEED = 0x57A127  # no stream that anybody else draws joint positions from
+_SEED = 0x57A127  # of a random stream that is used for nothing else
 _TOGETHER = 256  # poses: their distances to all starts stay in the processor's cache
 
 
@@ -52,8 +52,7 @@ class Starts:
             best = np.argpartition(closeness, -count, axis=1)[:, -count:]
             order = np.take_along_axis(-closeness, best, axis=1).argsort(axis=1)
             found[rows] = np.take_along_axis(best, order, axis=1)
-        result: Array = self.q[found]
-        return result
+        return self.q[found]
 
 
 @lru_cache

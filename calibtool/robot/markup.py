@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from calibtool.errors import InputError
 
-_DEEPEST = 200  # elements in one another
+_DEEPEST = 200  # levels of nested elements
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _MARKS = (
@@ -53,7 +53,7 @@ def decoded_xml(data: bytes, name: str) -> str:
 
 
 def parse_xml(text: str, name: str, what: str, *, comments: bool = False) -> Element:
-    """The root of an XML text, whatever encoding it declares; `what` it is stands in messages.
+    """The root of an XML text, whatever encoding it declares; `what` names its kind in messages.
 
     InputError for a document type or entities, and with the line for what is no XML. Two hyphens
     inside of a comment are forgiven, as readers of URDFs do.

@@ -13,7 +13,7 @@ from calibtool.robot.markup import decoded_xml, parse_xml
 from calibtool.robot.named_files import contents, inside
 from calibtool.robot.orientation import QUATERNION, ROTATION_VECTOR, rotation_matrices
 from calibtool.robot.se3 import Array, translation
-from calibtool.units import LARGEST
+from calibtool.units import number_in
 
 _MOST_FILES = 100
 _TURNS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")  # one of them orients an element
@@ -105,11 +105,8 @@ class Attributes:
         if len(words) != count:
             raise InputError(f"{self.place}: {key}='{text[:60]}'; expected {count} numbers")
         for word in words:
-            try:
-                value = math.nan if "_" in word else float(word)
-            except ValueError:
-                value = math.nan
-            if not abs(value) <= LARGEST:
+            value = number_in(word)
+            if math.isnan(value):
                 raise InputError(f"{self.place}: {key}='{text[:60]}'; '{word}' is no number")
             yield value
 

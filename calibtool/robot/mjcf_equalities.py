@@ -94,8 +94,8 @@ class Equalities:
             relative = numbers(values, "relpose", (0.0,) * 7)
             if relative[3:].any():
                 words = [repr(float(value)) for value in relative]
-                said = {"pos": " ".join(words[:3]), "quat": " ".join(words[3:])}
-                in_a, in_b = self.attributes.pose(said), np.eye(4)
+                pose = {"pos": " ".join(words[:3]), "quat": " ".join(words[3:])}
+                in_a, in_b = self.attributes.pose(pose), np.eye(4)
         return urdf.frame(f"{name}_a", link_a, in_a), urdf.frame(f"{name}_b", link_b, in_b)
 
     def followers(self, urdf: UrdfText) -> None:

@@ -46,7 +46,7 @@ def rotation_matrices(values: Array, convention: str) -> Array:
         R: Array = exp6(np.concatenate([np.zeros_like(values), values], axis=1))[:, :3, :3]
         return R
     if convention == FIXED_ANGLES:
-        return _of_fixed_angles(values)
+        return of_fixed_angles(values)
     kind, axes = convention.split("-")
     order = range(3) if kind == "intrinsic" else range(2, -1, -1)
     first, second, third = (_about(axes[k], values[:, k]) for k in order)
@@ -94,7 +94,7 @@ def _about(axis: str, angles: Array) -> Array:
     """Rotation matrices (N, 3, 3) about the axis x, y or z."""
     turns = np.zeros((len(angles), 3))
     turns[:, "xyz".index(axis)] = angles
-    return _of_fixed_angles(turns)
+    return of_fixed_angles(turns)
 
 
 def _of_quaternions(q: Array) -> Array:
@@ -108,7 +108,7 @@ def _of_quaternions(q: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def _of_fixed_angles(angles: Array) -> Array:
+def of_fixed_angles(angles: Array) -> Array:
     """Rotation matrices (N, 3, 3) of turns about the fixed axes x, then y, then z, (N, 3)."""
     (a, b, c), (s, t, u) = np.cos(angles).T, np.sin(angles).T
     rows = [
@@ -149,9 +149,9 @@ def _fixed_angles(R: Array, old: Array) -> Array:
     locked = np.flatnonzero(horizontal < 1e-9)
     if len(locked):
         kept = np.stack([old[locked, 0], pitch[locked], np.zeros(len(locked))], axis=1)
-        turn = _of_fixed_angles(kept)
-        left = R[locked] @ np.swapaxes(turn, -1, -2)
-        kept[:, 2] = np.arctan2(left[:, 1, 0], left[:, 0, 0])
+        turn = of_fixed_angles(kept)
+        remaining = R[locked] @ np.swapaxes(turn, -1, -2)
+        kept[:, 2] = np.arctan2(remaining[:, 1, 0], remaining[:, 0, 0])
         choices[:, locked] = kept
     near = choices - 2 * np.pi * np.round((choices - old) / (2 * np.pi))
     nearest = np.linalg.norm(near - old, axis=-1).argmin(axis=0)

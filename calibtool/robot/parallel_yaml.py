@@ -16,7 +16,7 @@ from calibtool.robot.urdf_text import Converted
 
 _IS = re.compile(r"^closed_loop[ \t]*:", re.MULTILINE)
 _URDF = "robot.urdf"
-_LARGEST = 1_000_000  # characters
+_LARGEST = 1_000_000  # number of characters that a file may have
 _JOINED = {"3d": "spherical", "6d": "weld"}
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 
@@ -43,25 +43,25 @@ def read_parallel(text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Conv
     InputError for any other content, and for frames or joints that do not exist.
     """
     place = str(path)
-    said = _parsed(text, place)
+    file = _parsed(text, place)
     urdf = inside(path.parent, _URDF, place, allowed)
     root = urdf_root(decoded_xml(contents(urdf), str(urdf)), str(urdf))
     joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     links = {link.get("name", "") for link in root.iterfind("link")}
-    for name, kind in zip(said.joint_name, said.joint_type, strict=True):
+    for name, kind in zip(file.joint_name, file.joint_type, strict=True):
         if name not in joints:
             raise InputError(f"{place}: joint_name: '{name}' is no joint of {_URDF}")
         _replace(root, joints[name], kind, place)
-    for name in said.name_mot:
+    for name in file.name_mot:
         if name not in joints:
             raise InputError(
                 f"{place}: name_mot: '{name}' is no joint of {_URDF}; {near_names(name, joints)}"
             )
     loops = []
-    for k, frames in enumerate(said.closed_loop):
-        kind = said.type[k].lower() if said.type else "6d"
+    for k, frames in enumerate(file.closed_loop):
+        kind = file.type[k].lower() if file.type else "6d"
         if kind not in _JOINED:
-            raise InputError(f"{place}: type '{said.type[k]}'; expected 3d or 6d")
+            raise InputError(f"{place}: type '{file.type[k]}'; expected 3d or 6d")
         ends = []
         for frame in frames:
             child = joints[frame].find("child") if frame in joints else None
@@ -70,14 +70,14 @@ def read_parallel(text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Conv
                 raise InputError(f"{place}: closed_loop: '{frame}' is no frame of {_URDF}")
             ends.append(link)
         loops.append((f"loop{k + 1}", ends[0], ends[1], _JOINED[kind]))
-    return Converted(ElementTree.tostring(root, "unicode"), tuple(loops), tuple(said.name_mot))
+    return Converted(ElementTree.tostring(root, "unicode"), tuple(loops), tuple(file.name_mot))
 
 
 def _parsed(text: str, place: str) -> _File:
     if len(text) > _LARGEST:
         raise InputError(f"{place}: a YAML of {len(text)} characters; expected some lines")
     try:
-        said = _File.model_validate(yaml.safe_load(text))
+        file = _File.model_validate(yaml.safe_load(text))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
@@ -85,12 +85,12 @@ def _parsed(text: str, place: str) -> _File:
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise InputError(f"{place}: not valid YAML: {str(error).splitlines()[0]}") from None
     for given, what, wanted in (
-        (said.type, "type", said.closed_loop),
-        (said.joint_type, "joint_type", said.joint_name),
+        (file.type, "type", file.closed_loop),
+        (file.joint_type, "joint_type", file.joint_name),
     ):
         if len(given) != len(wanted) and (given or what == "joint_type"):
             raise InputError(f"{place}: {what} has {len(given)} entries; expected {len(wanted)}")
-    return said
+    return file
 
 
 def _replace(root: Element, joint: Element, kind: str, place: str) -> None:
@@ -118,8 +118,8 @@ def _replace(root: Element, joint: Element, kind: str, place: str) -> None:
         if k < len(letters) - 1:
             link = f"{name}_{letter}_moves"
             ElementTree.SubElement(root, "link", {"name": link})
-            carried = before.find("child")
-            assert carried is not None
-            carried.set("link", link)
+            child = before.find("child")
+            assert child is not None
+            child.set("link", link)
         before.attrib |= {"name": f"{name}_{letter}", "type": "continuous"}
         ElementTree.SubElement(before, "axis", {"xyz": _AXES[letter]})

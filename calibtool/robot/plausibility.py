@@ -12,10 +12,10 @@ from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 _MOST_TURN = 20.0  # rad: three turns and more are degrees
 _LEAST_TURN, _SEVERAL = np.deg2rad(7.0), 3  # of several joints together: less are rad as degrees
 _LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
-_FARTHEST_REACH = 20.0  # m, of all links together without slides
-_NEAREST = 1e-3  # m, of the farthest target: nearer ones are written in m
-_FULL_TURN = 6.4  # rad, of an angle of a frame: larger ones are degrees
-_SHORTEST = 1e-3  # m, of all links together
+_FARTHEST_REACH = 20.0  # m: largest length of all links together without slides
+_NEAREST = 1e-3  # m: if all targets are nearer than this, points_mm was written in m
+_FULL_TURN = 6.4  # rad: larger angles of a frame are taken for degrees
+_SHORTEST = 1e-3  # m: smallest length of all links together
 # kg of all links together over the cube of the arm's length in m: arms have 2 to 150
 _LIGHTEST, _HEAVIEST = 0.02, 1000.0
 _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one beyond

@@ -9,7 +9,7 @@ import numpy as np
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, readonly
 
-_ROUNDING = 1e-9  # m and rad
+_ROUNDING = 1e-9  # m and rad: room for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,5 +123,4 @@ def _polygon(sides: Array, slack: float) -> tuple[float, float]:
 
 
 def _outside(values: Array, bounds: tuple[float, float], slack: float) -> np.ndarray:
-    result: np.ndarray = (values < bounds[0] - slack) | (values > bounds[1] + slack)
-    return result
+    return (values < bounds[0] - slack) | (values > bounds[1] + slack)

@@ -268,16 +268,19 @@ class Robot:
 
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions (count, n) drawn evenly over the whole joint range, rad or m."""
-        q: Array = self.lower + (self.upper - self.lower) * rng.random((count, self.n))
-        return q
+        return self.lower + (self.upper - self.lower) * rng.random((count, self.n))
+
+    def joints_within_limits(self, q: Array) -> np.ndarray:
+        """Per joint of q (…, n): inside its limits; a rounding error of 1e-9 is allowed. bool"""
+        return (q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)
 
     def within_limits(self, q: Array) -> np.ndarray:
-        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is
-        forgiven). (N,) bool
+        """Per row of q (N, n): all joints inside their limits, see `joints_within_limits`. (N,)
+        bool
 
         With closed loops also the passive joints; a row that does not close is not inside.
         """
-        inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        inside: np.ndarray = np.all(self.joints_within_limits(q), axis=-1)
         if isinstance(self.mechanism, ClosedMechanism):
             inside &= self.mechanism.passive_within(q)
         return inside

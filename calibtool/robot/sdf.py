@@ -28,7 +28,7 @@ _CUT = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismati
     "ball": "spherical",
     "fixed": "weld",
 }
-_MOST = 200  # frames that stand on one another
+_MOST = 200  # number of frames that may stand on one another
 
 
 class _Joint(NamedTuple):
@@ -71,9 +71,9 @@ class _Reader:
     def read(self) -> Converted:
         joints = [self._joint(part) for part in self.model.iterfind("joint")]
         links = {part.get("name", ""): part for part in self.model.iterfind("link")}
-        carried = {joint.child for joint in joints}
+        children = {joint.child for joint in joints}
         fixed = any(joint.parent == "world" for joint in joints)
-        start = "world" if fixed else next((name for name in links if name not in carried), "")
+        start = "world" if fixed else next((name for name in links if name not in children), "")
         if not start:
             raise InputError(f"{self.place}: every link of the model has a parent; expected a base")
         self.urdf.link(start)
@@ -87,10 +87,10 @@ class _Reader:
                 self._add(joint)
                 done.add(joint.child)
                 waiting.append(joint.child)
-        if left := [name for name in links if name not in done]:
+        if unreached := [name for name in links if name not in done]:
             raise InputError(
-                f"{self.place}: no joint joins {', '.join(left)} to '{start}'; a joint is read "
-                "from its parent to its child"
+                f"{self.place}: no joint joins {', '.join(unreached)} to '{start}'; a joint is "
+                "read from its parent to its child"
             )
         for name, link in links.items():
             self._mass(name, link)
@@ -183,8 +183,8 @@ class _Reader:
             raise InputError(f"{self.place}: axis of '{joint.name}' is '{words}'; expected x y z")
         axis = axis / np.linalg.norm(axis)
         frame = "" if xyz is None else xyz.get("expressed_in", "")
-        said = "" if element is None else element.findtext("use_parent_model_frame") or ""
-        in_model = self.axes_in_model or said.strip() in ("1", "true")
+        value = "" if element is None else element.findtext("use_parent_model_frame") or ""
+        in_model = self.axes_in_model or value.strip() in ("1", "true")
         if frame or in_model:
             axis = joint.pose[:3, :3].T @ self._pose(frame or "__model__")[:3, :3] @ axis
         ends = [

@@ -6,7 +6,7 @@ Twists are (v, ω), linear first; poses are homogeneous matrices; any leading sh
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from calibtool.errors import InputError
 
@@ -33,6 +33,12 @@ def skew(vector: Array) -> Array:
     x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+
+
+def point_columns(points: Array) -> Array:
+    """[I, −[p]×], the derivative of a point by a spatial twist: (…, 3) → (…, 3, 6)."""
+    identity = np.broadcast_to(np.eye(3), (*points.shape, 3))
+    return np.concatenate([identity, -skew(points)], axis=-1)
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -124,6 +130,22 @@ def relative_error(actual: Array, nominal: Array) -> Array:
     return log6(actual @ inverse(nominal))
 
 
+def pose_difference(pose: Array, reference: Array, length: float = 1.0) -> Array:
+    """((p − p_r) / length, log3(R R_rᵀ)): displacement of the tool point, rotation; both in K_0.
+
+    pose and reference (N, 4, 4) T_base_tool: (N, 6), in m and rad. With the robot's characteristic
+    length (m) it is the weighted pose error, all in rad.
+    """
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(reference[:, :3, :3], -1, -2))
+    return np.concatenate([(pose[:, :3, 3] - reference[:, :3, 3]) / length, turn], axis=-1)
+
+
+def pose_distances(pose: Array, reference: Array) -> tuple[Array, Array]:
+    """Distances of the tool points (N,) in m and angles (N,) in rad between poses (N, 4, 4)."""
+    difference = pose_difference(pose, reference)
+    return np.linalg.norm(difference[:, :3], axis=-1), np.linalg.norm(difference[:, 3:], axis=-1)
+
+
 def check_poses(pose: Array, place: str) -> None:
     """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits
     that people write.
@@ -179,7 +201,7 @@ def left_jacobian(twists: Array, q: Array) -> Array:
     return result
 
 
-_TERMS = 14  # 0.5^14 / 15! is below the last digit
+_TERMS = 14  # of the series: 0.5^14 / 15! is below the last digit
 
 
 def _closed_factors(t: Array) -> Array:
@@ -196,7 +218,7 @@ def _closed_factors(t: Array) -> Array:
     return np.stack(closed, axis=-1)
 
 
-def translation(offset: Array) -> Array:
+def translation(offset: ArrayLike) -> Array:
     """Pose of a pure translation: (…, 3) → (…, 4, 4)."""
     offset = np.asarray(offset, dtype=float)
     result = np.broadcast_to(np.eye(4), (*offset.shape[:-1], 4, 4)).copy()

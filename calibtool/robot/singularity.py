@@ -37,14 +37,14 @@ def singularity_distance(jacobian: Array, length: float) -> Array:
     for start in range(0, count, _TOGETHER):
         rows = slice(start, start + _TOGETHER)
         with np.errstate(all="ignore"):  # singular rows are computed again below
-            trace = inverse_trace(_rows_last(regularised_gram(jacobian[rows], length)))
+            trace = inverse_trace(rows_last(regularised_gram(jacobian[rows], length)))
             distance[rows] = 1.0 / np.sqrt(trace)
     again = np.flatnonzero(~(distance > _REGULAR))
     distance[again] = _distance(regularised_gram(jacobian[again], length))
     return distance
 
 
-def _rows_last(values: Array) -> Array:
+def rows_last(values: Array) -> Array:
     """(N, …) → (…, N), a contiguous copy, so that no row depends on the others."""
     return np.moveaxis(values, 0, -1).copy()
 
@@ -94,3 +94,11 @@ def scale_rows(jacobian: Array, length: float) -> Array:
     scaled = jacobian.copy()
     scaled[..., :3, :] /= length
     return scaled
+
+
+def weighted_jacobian(jacobian: Array, pose: Array, length: float) -> Array:
+    """Spatial Jacobian (N, 6, c) in K_0 seen at the tool point of poses (N, 4, 4), rows scaled.
+
+    The derivative of `pose_difference` by the joints, to first order; length in m.
+    """
+    return scale_rows(at_point(jacobian, pose[:, :3, 3]), length)

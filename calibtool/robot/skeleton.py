@@ -15,7 +15,7 @@ def skeleton(frames: Frames, placed_on: tuple[int, ...]) -> Array:
     """
     before, after = frames.placed[:, :, :3, 3], frames.after[:, :, :3, 3]
     base, last = np.zeros((len(before), 3)), len(placed_on) - 1
-    carried = {
+    children = {
         carrier: [k for k, own in enumerate(placed_on) if own == carrier] for carrier in placed_on
     }
     to_tool, carrier = {last}, placed_on[last]
@@ -25,7 +25,7 @@ def skeleton(frames: Frames, placed_on: tuple[int, ...]) -> Array:
     points: list[Array] = [base]
 
     def follow(carrier: int, home: Array) -> None:
-        for k in sorted(carried.get(carrier, []), key=lambda k: k in to_tool):
+        for k in sorted(children.get(carrier, []), key=lambda k: k in to_tool):
             points.append(before[:, k])
             if k < after.shape[1]:
                 points.append(after[:, k])

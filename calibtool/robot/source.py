@@ -35,12 +35,12 @@ def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
 
 
 def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] = ()) -> Source:
-    """Read `path`: a folder with a robot.toml, a robot.toml, a URDF, or what `contents.told` knows.
+    """Read `path`: a folder with a robot.toml, or a file that `contents.recognise` knows.
 
     tool: the tool frame of a description that does not name it; UsageError for one that does.
     allowed: folders, besides that of the description, whose files it may name.
     """
-    from calibtool.robot.contents import WHAT, converted, told
+    from calibtool.robot.contents import WHAT, converted, recognise
     from calibtool.robot.numeric_kinematics import numbers_as_urdf
 
     if path.is_dir():
@@ -51,7 +51,7 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
                 "description"
             )
         path = inside_it[0]
-    kind, text = told(contents(path), path)
+    kind, text = recognise(contents(path), path)
     if kind != "toml":
         return bare_source(converted(kind, text, path, allowed), path.stem, tool, WHAT[kind])
     description = read_model(Description, parse_toml(text, str(path)), str(path))
@@ -67,7 +67,7 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
     else:
         name = str(kinematics.example_robot_data)
         urdf_path = inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
-    kind, urdf_text = told(contents(urdf_path), urdf_path)
+    kind, urdf_text = recognise(contents(urdf_path), urdf_path)
     if kind == "toml":
         raise InputError(f"{path}: kinematics.urdf: {urdf_path} is a robot.toml itself")
     urdf_text = converted(kind, urdf_text, urdf_path, allowed).urdf
@@ -77,7 +77,7 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
 def _calibrated(path: Path, kinematics: Kinematics, allowed: tuple[Path, ...]) -> str:
     """The URDF of `nominal` with its `calibration`."""
     from calibtool.robot.catalogue import load_robot, robot_names
-    from calibtool.robot.contents import told
+    from calibtool.robot.contents import recognise
     from calibtool.robot.universal_robots import calibrated_urdf
 
     place = f"{path}: kinematics.calibration"
@@ -86,19 +86,19 @@ def _calibrated(path: Path, kinematics: Kinematics, allowed: tuple[Path, ...]) -
         known = near_names(str(kinematics.nominal), arms)
         raise InputError(f"{path}: kinematics.nominal: no UR arm of the catalogue; {known}")
     file = inside(path.parent, str(kinematics.calibration), place, allowed)
-    kind, text = told(contents(file), file)
+    kind, text = recognise(contents(file), file)
     if kind not in ("ur-conf", "ur-yaml"):
         raise InputError(f"{place}: {file} is no calibration.conf or calibration.yaml of a UR arm")
     return calibrated_urdf(kind, text, str(file), load_robot(str(kinematics.nominal)))
 
 
-def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Source:
+def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: see `bare_source`."""
-    return bare_source(Converted(urdf_text), name, tool)
+    return bare_source(Converted(urdf_text), name)
 
 
 def bare_source(
-    said: Converted, name: str, tool: str | None = None, what: str = "a bare URDF"
+    conversion: Converted, name: str, tool: str | None = None, what: str = "a bare URDF"
 ) -> Source:
     """The robot.toml for a bare URDF: see `tool.chosen`; three targets on a circle of 0.1 m.
 
@@ -108,20 +108,20 @@ def bare_source(
     from calibtool.robot.closed_chain import configuration_found  # Pinocchio is only needed here
     from calibtool.robot.urdf import parse_urdf
 
-    parse_urdf(said.urdf, name)
-    found = chosen(urdf_tree(said.urdf, name), name, tool, said)
-    source = _assumed(found, said, name, what)
+    parse_urdf(conversion.urdf, name)
+    found = chosen(urdf_tree(conversion.urdf, name), name, tool, conversion)
+    source = _assumed(found, conversion, name, what)
     if found.loops and found.actuated is not None and not found.closed_at:
         closed_at = configuration_found(source)
-        source = _assumed(replace(found, closed_at=closed_at), said, name, what)
+        source = _assumed(replace(found, closed_at=closed_at), conversion, name, what)
     return source
 
 
-def _assumed(found: Choice, said: Converted, name: str, what: str) -> Source:
+def _assumed(found: Choice, conversion: Converted, name: str, what: str) -> Source:
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name)
     safe = allowed.lstrip("._-") or "robot"
     keys = found.toml.replace("\n", ", ")
-    mounting = f"\n[mounting]\ngravity = {list(said.gravity)}\n" if said.gravity else ""
+    mounting = f"\n[mounting]\ngravity = {list(conversion.gravity)}\n" if conversion.gravity else ""
     assumed = f"{what}, taken as [kinematics] {keys}; the targets are assumed"
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from {what}"\n'
@@ -130,7 +130,7 @@ def _assumed(found: Choice, said: Converted, name: str, what: str) -> Source:
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
         f"{mounting}"
     )
-    return parse_source(toml_text, said.urdf, name)
+    return parse_source(toml_text, conversion.urdf, name)
 
 
 def example_robot_data() -> Path:

@@ -38,8 +38,8 @@ _PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
 _BASE = re.compile(r"\b(?:base|mobile|world|odom|virtual|theta|yaw|footprint)\b")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_ARM = 4  # joints that must stand behind a slide without limits: else it is no base, but asked for
-_MANY = 2  # arm joints behind a link: it is no tool
+_ARM = 4  # joints that must follow a slide without limits for it to be part of a moving base
+_MANY = 2  # a link with this number of arm joints behind it, or more, is no tool
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,12 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | None = None) -> Choice:
+def chosen(
+    tree: Tree, name: str, tool: str | None = None, conversion: Converted | None = None
+) -> Choice:
     """The tool of a URDF, `tool` or the one found by names and joints, and the joints to lock.
 
-    said: the closed loops of the description; those that do not move the tool are left out.
+    conversion: the closed loops of the description; those that do not move the tool are left out.
 
     A tool is found by its name or, where no link has such a name, by the number of joints before
     it. A finger, a camera or a collision shape is not a tool. Joints that are not between base and
@@ -96,25 +98,25 @@ def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | Non
     UsageError with a list where several links could be the tool; InputError for a loop from a link
     to itself.
     """
-    loops = said.loops if said else ()
+    loops = conversion.loops if conversion else ()
     if tool is None:
         tool = _tool(tree, name, {frame for _, a, b, _ in loops for frame in (a, b)})
     elif tool not in tree.links:
         raise UsageError(f"--tool: '{tool}' is no link of {name}; {near_names(tool, tree.links)}")
     _check_two_links(tree, loops, name)
     closing, moving = _closing(tree, tool, loops)
-    motors = said.actuated if said else None
+    motors = conversion.actuated if conversion else None
     closes = closing or (motors is not None and any(joint.follows for joint in moving))
     way = tree.ways[tool]
     in_loops = {joint for loop in closing for joint in _round(tree, loop)}
     base = {joint for joint in way if joint not in _arm(way)} - in_loops
     arm = moving - base if closes else set(_arm(way))
     locked = _locked([joint for joint in tree.joints if joint.moves and joint not in arm])
-    if said is None or not closes:
+    if conversion is None or not closes:
         return Choice(tool, locked)
     names = {joint.name for joint in arm}
     actuated = None if motors is None else tuple(each for each in motors if each in names)
-    closed_at = {joint: value for joint, value in said.closed_at.items() if joint in names}
+    closed_at = {joint: value for joint, value in conversion.closed_at.items() if joint in names}
     return Choice(tool, locked, closing, actuated, closed_at)
 
 
@@ -202,8 +204,10 @@ def _tool(tree: Tree, name: str, cut: set[str]) -> str:
 def _only(found: Sequence[str], name: str, ends: re.Pattern[str] | None = None) -> str:
     """The only link, or the only one whose name says nothing but that it is a tool."""
     if ends is not None and len(found) > 1:
-        said = {link: ends.search(_words(link).removesuffix(" link")) for link in found}
-        sure = [link for link, match in said.items() if match and match.end() == len(match.string)]
+        ending = {link: ends.search(_words(link).removesuffix(" link")) for link in found}
+        sure = [
+            link for link, match in ending.items() if match and match.end() == len(match.string)
+        ]
         found = sure or found
     if len(found) > 1:
         raise UsageError(

@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 from calibtool.errors import InputError
 from calibtool.robot.markup import parse_xml
 
-SINGLE = ("revolute", "continuous", "prismatic")  # kinds of one degree of freedom
+SINGLE = ("revolute", "continuous", "prismatic")  # kinds of joints with one degree of freedom
 MOST_LINKS, DEEPEST = 2000, 500  # Pinocchio goes down the tree call by call: 10,000 crash it
-UNBOUNDED = 1e3  # rad or m: larger limits are written where there are none
+UNBOUNDED = 1e3  # rad or m: larger limits mean that there is no limit
 _OF_JOINTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
 
@@ -107,14 +107,14 @@ def urdf_tree(text: str, name: str) -> Tree:
 
 def _check_parents(root: Element, name: str) -> None:
     """A link with two joints before it closes a loop: that is no tree."""
-    carried: dict[str, str] = {}
+    parents: dict[str, str] = {}
     for joint in map(_joint, root.iterfind("joint")):
-        if joint.child in carried:
+        if joint.child in parents:
             raise InputError(
                 f"{name}: link '{joint.child}' has two parent joints, "
-                f"'{carried[joint.child]}' and '{joint.name}': they close a loop; a URDF is a tree"
+                f"'{parents[joint.child]}' and '{joint.name}': they close a loop; a URDF is a tree"
             )
-        carried[joint.child] = joint.name
+        parents[joint.child] = joint.name
 
 
 def _check_size(root: Element, name: str) -> None:

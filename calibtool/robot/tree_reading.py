@@ -198,8 +198,7 @@ def _given_closed(
             unit = "m" if slides[j] else "rad"
             raise InputError(
                 f"{place}: kinematics.closed_at: '{names[j]}' = {theta[j]:g} {unit} is outside its "
-                "limits "
-                f"{low:g} to {high:g}"
+                f"limits {low:g} to {high:g}"
             )
     return theta
 

@@ -1,6 +1,7 @@
 """Factory calibrations of Universal Robots: the YAML of the ROS driver, and calibration.conf."""
 
 import configparser
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,6 +18,12 @@ _CHANGES = ("delta_a", "delta_alpha", "delta_d", "delta_theta")  # in the order 
 _LINEARISED = "2"  # calibration_status of a finished calibration
 _SAME = 1e-6  # m and rad: how exactly a robot must be in the DH form that is changed
 _JOINTS = len(FRAMES)
+_START = re.compile(rf"^[ \t]*(?:\[{SECTION}\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
+
+
+def is_changes(text: str) -> bool:
+    """Whether a text holds a section or key of a UR controller's calibration.conf."""
+    return _START.search(text) is not None
 
 
 def frames_model(text: str, name: str, robot: Robot) -> Robot:

@@ -1,15 +1,22 @@
 """The YAML in which the ROS driver of Universal Robots keeps an arm's factory calibration."""
 
 import math
+import re
 
 import yaml
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.constant_placements import Step
-from calibtool.units import LARGEST
+from calibtool.units import number_in
 
 FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _POSITION, _ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+_START = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
+
+
+def is_frames(text: str) -> bool:
+    """Whether a text holds a key `kinematics`, as the YAML of the UR driver does."""
+    return _START.search(text) is not None
 
 
 def ur_frames(text: str, name: str) -> list[list[Step]]:
@@ -89,10 +96,7 @@ def _line(node: yaml.Node | None) -> str:
 
 def number(word: str, place: str) -> float:
     """A word as a number. InputError with `place` for anything else."""
-    try:
-        value = math.nan if "_" in word else float(word)  # Python would read 1_0 as ten
-    except ValueError:
-        value = math.nan
-    if not abs(value) < LARGEST:
+    value = number_in(word)
+    if math.isnan(value):
         raise InputError(f"{place} is '{word.strip()[:30]}'; expected a number")
     return value

@@ -17,7 +17,7 @@ from calibtool.robot.tree import urdf_root, urdf_tree
 
 T = TypeVar("T")
 
-_OF_JOINT = " (joint)"  # behind the name of a joint that a link shares
+_OF_JOINT = " (joint)"  # added to the name of a joint where a link has the same name
 
 
 def joint_name(model: pin.Model, joint: int) -> str:

@@ -98,8 +98,8 @@ class UrdfText:
 
     def mimic(self, joint: str, leader: str, multiplier: float, offset: float) -> None:
         """θ_joint = multiplier · θ_leader + offset, rad or m."""
-        said = {"joint": leader, "multiplier": repr(multiplier), "offset": repr(offset)}
-        ElementTree.SubElement(self._joints[joint].element, "mimic", said)
+        values = {"joint": leader, "multiplier": repr(multiplier), "offset": repr(offset)}
+        ElementTree.SubElement(self._joints[joint].element, "mimic", values)
 
     def hold(self, joint: str, value: float) -> None:
         """A revolute or prismatic joint that stands still at a value, rad or m."""
@@ -126,8 +126,11 @@ def free_name(wanted: str, taken: Container[str]) -> str:
 
 
 def _origin(part: ElementTree.Element, pose: Array) -> None:
-    said = {"xyz": _numbers(pose[:3, 3]), "rpy": _numbers(np.array(roll_pitch_yaw(pose[:3, :3])))}
-    ElementTree.SubElement(part, "origin", said)
+    values = {
+        "xyz": _numbers(pose[:3, 3]),
+        "rpy": _numbers(np.array(roll_pitch_yaw(pose[:3, :3]))),
+    }
+    ElementTree.SubElement(part, "origin", values)
 
 
 def _numbers(values: Array) -> str:

@@ -40,15 +40,15 @@ def expanded_xacro(path: Path, allowed: Iterable[Path] = ()) -> str:
 
 
 def _why(error: Exception, path: Path) -> str:
-    said = str(error).strip()
-    if found := _NO_VALUE.search(said):
+    message = str(error).strip()
+    if found := _NO_VALUE.search(message):
         return (
             f"its argument '{found[1]}' has no default; run: xacro {path.name} "
             f"{found[1]}:=VALUE > robot.urdf"
         )
-    if found := _NO_PACKAGE.search(said):
+    if found := _NO_PACKAGE.search(message):
         return f"package '{found[1]}' is not found; allow the folder that it is in: --allow FOLDER"
-    return said.splitlines()[0] if said else type(error).__name__
+    return message.splitlines()[0] if message else type(error).__name__
 
 
 def _packages(path: Path, allowed: Iterable[Path]) -> Iterator[tuple[str, str]]:

@@ -17,7 +17,7 @@ def placements_between_z(placements: Array, twists: Array) -> Array:
     for placement, twist in zip(placements, twists, strict=False):
         turns = bool(np.linalg.norm(twist[3:]) > 0.5)
         at = np.eye(4)
-        at[:3, :3] = _turn_z_to(twist[3:] if turns else twist[:3])
+        at[:3, :3] = turn_z_to(twist[3:] if turns else twist[:3])
         at[:3, 3] = np.cross(twist[3:], twist[:3]) if turns else 0.0
         result.append(inverse(before) @ placement @ at)
         before = at
@@ -25,17 +25,15 @@ def placements_between_z(placements: Array, twists: Array) -> Array:
     return np.array(result)
 
 
-def _turn_z_to(axis: Array) -> Array:
+def turn_z_to(axis: Array) -> Array:
     """The smallest rotation that takes z to a unit vector; about x where that is −z. (3, 3)"""
     x, y, z = axis
     if z < -1.0 + _SMALL:
         return np.diag([1.0, -1.0, -1.0])
-    turn = np.array(
+    return np.array(
         [
             [1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x],
             [-x * y / (1.0 + z), 1.0 - y * y / (1.0 + z), y],
             [-x, -y, z],
         ]
     )
-    result: Array = turn
-    return result

@@ -23,18 +23,16 @@ from calibtool.storage.texts import put_string, string
 if TYPE_CHECKING:
     from calibtool.storage.studies import StudyFile
 
-MEASUREMENTS, CALIBRATION, STUDY = (
-    "calibtool/measurements",
-    "calibtool/calibration",
-    "calibtool/study",
-)
+MEASUREMENTS = "calibtool/measurements"
+CALIBRATION = "calibtool/calibration"
+STUDY = "calibtool/study"
 _WORDS = {
     MEASUREMENTS: "measurements",
     CALIBRATION: "a calibration",
     STUDY: "the table of a study",
 }
 SCHEMA_VERSION = 1
-_LOOK = 1000  # bytes that tell text from other data
+_LOOK = 1000  # number of bytes by which text is distinguished from other data
 
 T = TypeVar("T")
 Builders = Mapping[str, Callable[[h5py.File], T]]
@@ -42,14 +40,8 @@ Builders = Mapping[str, Callable[[h5py.File], T]]
 
 def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
-        put_string(
-            file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION
-        )
-        file.attrs["schema_version"] = SCHEMA_VERSION
-        put_string(file, "creator", "calibtool")
-        put_string(file, "creator_version", __version__)
+
+    def fill(file: h5py.File) -> None:
         write_robot(file, contents.robot)
         if isinstance(contents, Measurements):
             write_measurements(file, contents)
@@ -58,6 +50,19 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
         provenance = file.create_group("provenance")
         for name, text in sorted(contents.provenance.items()):
             put_string(provenance, name, text)
+
+    return new_file(MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION, fill)
+
+
+def new_file(schema: str, fill: Callable[[h5py.File], None]) -> bytes:
+    """An HDF5 file of a schema, with its version, its creator and what `fill` writes into it."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
+        put_string(file, "schema", schema)
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        put_string(file, "creator", "calibtool")
+        put_string(file, "creator_version", __version__)
+        fill(file)
     return with_digest(buffer.getvalue())
 
 
@@ -146,7 +151,7 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
     except CalibtoolError:
         raise
     except OSError:
-        raise InputError(f"{name}: {_told(data)}") from None
+        raise InputError(f"{name}: {_what_it_is(data)}") from None
     except (
         KeyError,
         ValueError,
@@ -159,7 +164,7 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
         raise InputError(f"{name}: damaged: {' '.join(str(error).split())}") from None
 
 
-def _told(data: bytes) -> str:
+def _what_it_is(data: bytes) -> str:
     """The kind of a file that HDF5 cannot read, and the command that reads it."""
     expected = "expected a file that calibtool wrote"
     if data.startswith(SIGNATURE):

@@ -44,9 +44,10 @@ from calibtool.storage.stored_numbers import (
 )
 from calibtool.storage.texts import choice, put_string, put_text, string, texts
 
-_SCALES = ("input_scale", "output_scale")  # inputs are divided by them, outputs made of them
+# Inputs are divided by the first, outputs multiplied by the second
+_SCALES = ("input_scale", "output_scale")
 
-_HELD_OUT = "held_out_rms_"  # and the name of a model
+_HELD_OUT = "held_out_rms_"  # followed by the name of a model
 
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:
@@ -71,28 +72,12 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
         list(base.unobservable),
         "parameters or directions that were not determined",
     )
-    units = ", ".join(robot.joint_units)
-    put(
-        model,
-        "joint_positions",
-        calibration.q,
-        units,
-        "configurations used",
-        "joint",
-        "configuration",
-        "joint",
-    )
+    units, labels = ", ".join(robot.joint_units), ("configuration", "joint")
+    put(model, "joint_positions", calibration.q, units, "configurations used", "joint", *labels)
     write_errors(model.create_group("errors"), base.errors)
     write_conditions(model.create_group("conditions"), calibration.conditions)
-    put(
-        model,
-        "singular_values",
-        base.singular_values,
-        "1/m, 1/rad",
-        "of the weighted identification matrix",
-        "",
-        "index",
-    )
+    words = "of the weighted identification matrix"
+    put(model, "singular_values", base.singular_values, "1/m, 1/rad", words, "", "index")
     if base.posterior is not None:
         _write_posterior(model.create_group("posterior"), base.posterior)
     if base.flagged is not None:
@@ -102,12 +87,8 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     if calibration.frame is not None:
         _write_frame(file.create_group("frame"), calibration.frame)
     equivalent = file.create_group("equivalent")
-    put_text(
-        equivalent,
-        "virtual_joints",
-        list(calibration.equivalent.virtual_joints),
-        "elementary twists of the tool frame",
-    )
+    virtual = list(calibration.equivalent.virtual_joints)
+    put_text(equivalent, "virtual_joints", virtual, "elementary twists of the tool frame")
     for i, network in enumerate(calibration.networks):
         _write_network(file.create_group(f"networks/{i}"), network, units)
     if calibration.training is not None:
@@ -120,26 +101,11 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
 
 def _write_frame(group: h5py.Group, frame: ChosenFrame) -> None:
     put_string(group, "name", frame.name)
-    put(
-        group,
-        "T_taught_fitted",
-        frame.T_taught_fitted,
-        "m",
-        "base of the fit",
-        "taught base",
-        "row",
-        "column",
-    )
-    put(
-        group,
-        "T_tool_taught",
-        frame.T_tool_taught,
-        "m",
-        "taught tool frame",
-        "tool of the fit",
-        "row",
-        "column",
-    )
+    for name, words, seen_from in (
+        ("T_taught_fitted", "base of the fit", "taught base"),
+        ("T_tool_taught", "taught tool frame", "tool of the fit"),
+    ):
+        put(group, name, getattr(frame, name), "m", words, seen_from, "row", "column")
 
 
 def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
@@ -153,34 +119,20 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
     words = "standard deviation of residuals over the stated noise: lengths, angles"
     put(group, "residual_factors", posterior.residual_factors, "1", words, "", "kind")
     put_text(group, "names", parameters.names, "parameter names")
-    words = "variance added for what the model leaves out"
-    put(group, "left_out", posterior.left_out, "SI", words, "", "parameter")
-    put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
-    put(
-        group,
-        "covariance",
-        posterior.covariance,
-        "SI",
-        "of the estimate",
-        "",
-        "parameter",
-        "parameter",
-    )
+    for name, words, *labels in (
+        ("left_out", "variance added for what the model leaves out", "parameter"),
+        ("prior_std", "tolerance as used", "parameter"),
+        ("covariance", "of the estimate", "parameter", "parameter"),
+    ):
+        put(group, name, getattr(posterior, name), "SI", words, "", *labels)
 
 
 def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
     put_string(group, "cluster", flagged.cluster or "")
     group.attrs["dropped"] = flagged.dropped
     put(group, "rows", flagged.rows, "1", "configurations that do not fit, from 0", "", "row")
-    put(
-        group,
-        "size",
-        flagged.deviation,
-        "1",
-        "residual in standard deviations per coordinate",
-        "",
-        "row",
-    )
+    words = "residual in standard deviations per coordinate"
+    put(group, "size", flagged.deviation, "1", words, "", "row")
     put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
 
 
@@ -203,43 +155,15 @@ def _write_training(group: h5py.Group, training: TrainingReport) -> None:
     put_string(group, "regularisation", training.regularisation)
     group.attrs["effective"] = training.effective
     group.attrs["hidden"] = training.hidden
-    put(
-        group,
-        "training_loss",
-        history.training,
-        training.loss_units,
-        "loss on the training rows",
-        "",
-        "iteration",
-    )
-    put(
-        group,
-        "validation_loss",
-        history.validation,
-        training.loss_units,
-        "loss on the validation rows",
-        "",
-        "iteration",
-    )
-    put(
-        group,
-        "restart_losses",
-        training.restart_losses,
-        training.loss_units,
-        "best loss of each restart",
-        "",
-        "restart",
-    )
-    put(group, "training_rows", training.training_rows, "1", "configurations trained on", "", "row")
-    put(
-        group,
-        "validation_rows",
-        training.validation_rows,
-        "1",
-        "configurations validated on",
-        "",
-        "row",
-    )
+    units = training.loss_units
+    for name, values, unit, words, label in (
+        ("training_loss", history.training, units, "loss on the training rows", "iteration"),
+        ("validation_loss", history.validation, units, "loss on the validation rows", "iteration"),
+        ("restart_losses", training.restart_losses, units, "best loss of each restart", "restart"),
+        ("training_rows", training.training_rows, "1", "configurations trained on", "row"),
+        ("validation_rows", training.validation_rows, "1", "configurations validated on", "row"),
+    ):
+        put(group, name, values, unit, words, "", label)
 
 
 def build_calibration(file: h5py.File) -> Calibration:

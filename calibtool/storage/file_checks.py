@@ -20,7 +20,7 @@ _LENGTH = len(_MARK) + 65
 _HEAP = re.compile(rb"GCOL\x01")  # a global heap: signature, version 1
 _ROOM = 16 << 20  # bytes that any file may hold …
 _PACKED = 20  # … and this many times its length: compressed numbers are not smaller
-_TEXTS = 8  # texts of one attribute
+_TEXTS = 8  # number of texts that one attribute may hold
 _CHARACTERS = 1 << 24  # bytes of all texts of variable length: a file may refer to one many times
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 

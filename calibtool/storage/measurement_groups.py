@@ -32,58 +32,23 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     put_string(group, "kind", measurements.kind)
     group.attrs["noise_position_m"] = measurements.noise_position
     group.attrs["noise_orientation_rad"] = measurements.noise_orientation
-    units = ", ".join(robot.joint_units)
-    put(
-        group,
-        "joint_positions",
-        measurements.q,
-        units,
-        "commanded joint positions",
-        "joint",
-        "configuration",
-        "joint",
-    )
+    units, words = ", ".join(robot.joint_units), "commanded joint positions"
+    put(group, "joint_positions", measurements.q, units, words, "joint", "configuration", "joint")
     write_conditions(group, measurements.conditions)
     if measurements.commanded is not None:
-        labels = ("configuration", "row", "column")
-        long_name = "tool poses asked for, where the joints are corrected for them"
-        put(group, "commanded_poses", measurements.commanded, "m", long_name, "base", *labels)
-    labels = ("configuration", "target", "axis")
-    put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
-    if measurements.rotations is not None:
-        labels = ("configuration", "row", "column")
-        put(
-            group,
-            "rotations",
-            measurements.rotations,
-            "1",
-            "measured sensor orientations",
-            "instrument",
-            *labels,
-        )
-    if measurements.deviations is not None:
-        words = "standard deviations along the instrument's axes"
-        put(
-            group,
-            "deviations",
-            measurements.deviations,
-            "m, rad",
-            words,
-            "instrument",
-            "configuration",
-            "coordinate",
-        )
-    if measurements.values is not None:
-        put(
-            group,
-            "values",
-            measurements.values,
-            measurements.setup.kind.unit,
-            "measured values",
-            "instrument",
-            "configuration",
-            "value",
-        )
+        words = "tool poses asked for, where the joints are corrected for them"
+        poses = measurements.commanded
+        put(group, "commanded_poses", poses, "m", words, "base", "configuration", "row", "column")
+    deviations = "standard deviations along the instrument's axes"
+    for name, unit, words, *labels in (
+        ("points", "m", "measured target points", "target", "axis"),
+        ("rotations", "1", "measured sensor orientations", "row", "column"),
+        ("deviations", "m, rad", deviations, "coordinate"),
+        ("values", measurements.setup.kind.unit, "measured values", "value"),
+    ):
+        values = getattr(measurements, name)
+        if values is not None:
+            put(group, name, values, unit, words, "instrument", "configuration", *labels)
     if measurements.place is not None:
         words = "labelled place of each row, from 0"
         put(group, "place", measurements.place, "1", words, "", "configuration")

@@ -37,16 +37,8 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
     """A set-up."""
     group.attrs["frame_known"] = setup.frame_known
     group.attrs["targets_known"] = setup.targets_known
-    put(
-        group,
-        "T_instrument_base",
-        setup.T_instrument_base,
-        "m",
-        "pose of the robot base",
-        "instrument",
-        "row",
-        "column",
-    )
+    frame, words = setup.T_instrument_base, "pose of the robot base"
+    put(group, "T_instrument_base", frame, "m", words, "instrument", "row", "column")
     put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
     put_string(group, "kind", setup.kind.id)
     for name, (_, unit, words) in setup.kind.arrays.items():
@@ -82,16 +74,8 @@ def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
     """The errors of a robot, a dataset for each family."""
     for family in FAMILIES:
         value = errors[family.id]
-        labels = ("joint", "term")[: value.ndim]
-        put(
-            group,
-            family.id,
-            value,
-            family.unit,
-            f"{family.words}: {family.meaning}",
-            "joint",
-            *labels,
-        )
+        labels, words = ("joint", "term")[: value.ndim], f"{family.words}: {family.meaning}"
+        put(group, family.id, value, family.unit, words, "joint", *labels)
 
 
 def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
@@ -106,17 +90,8 @@ def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
 def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
     """Known conditions of the rows."""
     if conditions.direction is not None:
-        signs = conditions.direction.astype(np.int8)
-        put(
-            group,
-            "direction",
-            signs,
-            "1",
-            "sign of each joint's last motion",
-            "joint",
-            "configuration",
-            "joint",
-        )
+        signs, words = conditions.direction.astype(np.int8), "sign of each joint's last motion"
+        put(group, "direction", signs, "1", words, "joint", "configuration", "joint")
     for name, unit, words in (
         ("payload_kg", "kg", "mass at the tool"),
         ("temperature_c", "°C", "of the links"),

@@ -14,7 +14,7 @@ from calibtool.storage.texts import put_string
 from calibtool.units import LARGEST
 
 LARGEST_ERROR = 1e3  # SI; no error of a robot is a thousand metres or radians
-_SMALLEST = 1e-15  # of what is divided by
+_SMALLEST = 1e-15  # smallest number that may be a divisor
 _INDEFINITE = 1e-9  # of the largest eigenvalue: rounding of a covariance that was inverted
 
 

@@ -1,6 +1,5 @@
 """The table of a study as HDF5: one dataset per column, with its unit."""
 
-import io
 import json
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +7,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from calibtool import __version__
 from calibtool.evaluation.study.study_table import (
     COLUMNS,
     COUNTS,
@@ -17,12 +15,9 @@ from calibtool.evaluation.study.study_table import (
     StudyTable,
     checked_row,
 )
-from calibtool.storage import STUDY
-from calibtool.storage.file_checks import with_digest
+from calibtool.storage import STUDY, new_file
 from calibtool.storage.stored_numbers import get_with_gaps, put
 from calibtool.storage.texts import put_string, put_text, string, text, texts
-
-SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -37,12 +32,8 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
     """The file of a study; `definition` is its definition as JSON. A cell without a number is NaN,
     or -1 for a count.
     """
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
-        put_string(file, "schema", STUDY)
-        file.attrs["schema_version"] = SCHEMA_VERSION
-        put_string(file, "creator", "calibtool")
-        put_string(file, "creator_version", __version__)
+
+    def fill(file: h5py.File) -> None:
         put_string(file, "study", table.key)
         put_text(file, "definition", definition, "definition of the study, JSON")
         group = file.create_group("table")
@@ -58,7 +49,8 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
                     [np.nan if cell is None else cell for cell in column], dtype=float
                 )
                 put(group, name, values, _units(name), long_name, "", "row")
-    return with_digest(buffer.getvalue())
+
+    return new_file(STUDY, fill)
 
 
 def build_study(file: h5py.File) -> StudyFile:

@@ -32,8 +32,8 @@ from calibtool.robot.se3 import Array
 
 Named = Sequence[tuple[str, Calibration]]
 _DOTS = 500  # joint motions shown per joint
-_LEAST = 1e-4  # of the limit: smaller singular values are drawn there
-_NAMED = 45  # parameters that can be named along an axis
+_LEAST = 1e-4  # of the limit: smaller singular values are drawn at this height
+_NAMED = 45  # number of parameters that can be named along an axis
 
 
 def training(calibrations: Named, width_mm: float) -> Figure:

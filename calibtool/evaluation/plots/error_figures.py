@@ -25,8 +25,8 @@ from calibtool.evaluation.plots.style import (
 from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array
 
-_ARROWS = 150  # in a panel
-_LONG = 0.08  # of the box, the median arrow at most; a step less is 5 %
+_ARROWS = 150  # number of arrows in a panel
+_LONG = 0.08  # of the box: largest length of the median arrow
 _STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)
 _WIDE_MM = 120.0
 _BOTTOM_MM = 10.0

@@ -30,20 +30,18 @@ class Subject:
     evaluation: Evaluation | None = None
     limits: tuple[Limit, ...] = ()
 
-
-@dataclass(frozen=True)
-class FigureKind:
-    """A figure: description, whether it needs measurements, and its drawing function."""
-
-    title: str
-    judged: bool
-    draw: Callable[[Subject, float], Figure]
+    @property
+    def evaluated(self) -> Evaluation:
+        """The errors on the measurements. UsageError where there are none."""
+        if self.evaluation is None:
+            raise UsageError("this figure needs measurements to judge on")
+        return self.evaluation
 
 
 def _with_evaluation(subject: Subject) -> tuple[Measurements, Evaluation]:
-    if subject.measurements is None or subject.evaluation is None:
-        raise UsageError("this figure needs measurements to judge on")
-    return judged_rows(subject.measurements), subject.evaluation
+    evaluation = subject.evaluated
+    assert subject.measurements is not None
+    return judged_rows(subject.measurements), evaluation
 
 
 def _vectors(subject: Subject, width_mm: float) -> Figure:
@@ -69,44 +67,17 @@ def _floors(subject: Subject) -> dict[str, float | None]:
     }
 
 
-FIGURES: dict[str, FigureKind] = {
-    "errors": FigureKind(
-        "Errors of every configuration, and their spread",
-        True,
-        lambda s, w: error_figures.errors(_with_evaluation(s)[1], w, _floors(s)),
-    ),
-    "distribution": FigureKind(
-        "Cumulative distribution of the errors",
-        True,
-        lambda s, w: error_figures.distribution(_with_evaluation(s)[1], s.limits, w, _floors(s)),
-    ),
-    "vectors": FigureKind("Error vectors in the workspace, three projections", True, _vectors),
-    "training": FigureKind(
-        "Loss over the iterations of the training",
-        False,
-        lambda s, w: calibration_figures.training(s.calibrations, w),
-    ),
-    "motions": FigureKind(
-        "Joint motions δρ against the joint positions",
-        False,
-        lambda s, w: calibration_figures.motions(s.calibrations, w),
-    ),
-    "parameters": FigureKind(
-        "Identified parameters ± 2 standard deviations",
-        False,
-        lambda s, w: calibration_figures.parameters(s.calibrations, w),
-    ),
-    "observability": FigureKind(
-        "Singular values of the identification",
-        False,
-        lambda s, w: calibration_figures.observability(s.calibrations, w),
-    ),
-    "coverage": FigureKind("Joint positions of the training and judged ones", True, _coverage),
-    "iso9283": FigureKind(
-        "Pose accuracy AP and repeatability RP (ISO 9283)",
-        True,
-        lambda s, w: error_figures.pose_test(_with_evaluation(s)[1], w),
-    ),
+# The figures by name; those that need measurements raise UsageError without them.
+FIGURES: dict[str, Callable[[Subject, float], Figure]] = {
+    "errors": lambda s, w: error_figures.errors(s.evaluated, w, _floors(s)),
+    "distribution": lambda s, w: error_figures.distribution(s.evaluated, s.limits, w, _floors(s)),
+    "vectors": _vectors,
+    "training": lambda s, w: calibration_figures.training(s.calibrations, w),
+    "motions": lambda s, w: calibration_figures.motions(s.calibrations, w),
+    "parameters": lambda s, w: calibration_figures.parameters(s.calibrations, w),
+    "observability": lambda s, w: calibration_figures.observability(s.calibrations, w),
+    "coverage": _coverage,
+    "iso9283": lambda s, w: error_figures.pose_test(s.evaluated, w),
 }
 
 
@@ -127,4 +98,4 @@ def draw(
     if kind not in FIGURES:
         raise UsageError(f"unknown figure '{kind}'; {near_names(kind, FIGURES)}")
     with styled():
-        return to_bytes(FIGURES[kind].draw(subject, width_mm), image, letters=letters)
+        return to_bytes(FIGURES[kind](subject, width_mm), image, letters=letters)

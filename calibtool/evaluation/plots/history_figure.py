@@ -15,7 +15,7 @@ from calibtool.evaluation.plots.style import (
     to_bytes,
 )
 
-_NAMED = 20  # checks whose dates fit below the axis
+_NAMED = 20  # number of checks whose dates fit below the axis
 
 
 def draw_history(entries: list[dict[str, Any]], image: ImageFormat) -> bytes:

@@ -6,11 +6,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from calibtool.evaluation.plots.style import (
-    COLOURS,
-    MARKERS,
     WIDTH_MM,
     ImageFormat,
+    colour,
     log_scale,
+    mark,
     sheet,
     styled,
     to_bytes,
@@ -66,7 +66,7 @@ def study_figure(table: StudyTable) -> Figure:
     )
     if len(blocks) > 1:
         handles = [
-            Patch(facecolor=COLOURS[i % len(COLOURS)], alpha=0.55, edgecolor="black", label=method)
+            Patch(facecolor=colour(i), alpha=0.55, edgecolor="black", label=method)
             for i, method in enumerate(methods)
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(methods), 6))
@@ -75,7 +75,6 @@ def study_figure(table: StudyTable) -> Figure:
 
 def _boxes(panel: Axes, values: list[list[float]], place: int, count: int) -> None:
     """The boxes of one method, one per block."""
-    colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
     positions = [(count + 1) * block + place + 1 for block in range(len(values))]
     panel.boxplot(
         values,
@@ -84,12 +83,12 @@ def _boxes(panel: Axes, values: list[list[float]], place: int, count: int) -> No
         whis=(5, 95),
         patch_artist=True,
         manage_ticks=False,
-        boxprops={"facecolor": colour, "alpha": 0.55},
+        boxprops={"facecolor": colour(place), "alpha": 0.55},
         medianprops={"color": "black"},
         flierprops={
-            "marker": marker,
+            "marker": mark(place)["marker"],
             "markersize": 2.5,
-            "markerfacecolor": colour,
+            "markerfacecolor": colour(place),
             "markeredgecolor": "none",
         },
     )

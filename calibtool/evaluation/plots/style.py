@@ -16,7 +16,7 @@ from calibtool.errors import UsageError
 ImageFormat = Literal["png", "svg", "pdf"]
 IMAGE_FORMATS: tuple[ImageFormat, ...] = ("png", "svg", "pdf")
 
-WIDTH_MM = 180.0  # two columns of most journals; 85 is one
+WIDTH_MM = 180.0  # two columns of most journals; one column is 85 mm
 MM = 1 / 25.4
 
 INK, GRID, SHADE = "#1b1c1d", "#c9cacb", "#e1e2e3"
@@ -24,7 +24,7 @@ INK, GRID, SHADE = "#1b1c1d", "#c9cacb", "#e1e2e3"
 COLOURS = ("#777777", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-MANY = 1000  # marks in a panel from which they are an image inside the drawing
+MANY = 1000  # with more marks than this in a panel, they become an image inside the drawing
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same font on every machine

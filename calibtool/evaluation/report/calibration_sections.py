@@ -13,14 +13,14 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.units import minus, three_digits
 
 _OPEN_ROWS = 20  # a longer table is folded
-_DETERMINED = 0.5  # listed from there
+_DETERMINED = 0.5  # parameters that are determined to at least this part are listed
 SYMBOLS = (
     "ζ: where a joint stands in the link before it; ξ: error of its axis, which grows with the "
     "joint's position; q: offset of its zero; sin, cos: periodic error of its gear, with the "
     "number of periods per turn; gravity: wind-up under its load; backlash: half of its play. "
     "Numbers count the joints from the base; x, y, z are lengths, rx, ry, rz angles."
 )
-_NAMED = 12  # unobservable parameters named
+_NAMED = 12  # number of unobservable parameters named
 
 
 def training_section(subject: Subject) -> PageSection:

@@ -17,13 +17,12 @@ def error_scene(subject: Subject) -> str:
     (k, 3), m, and the `factor` by which they are drawn; `start` is that of the least mean error.
     """
     assert subject.measurements is not None
-    assert subject.evaluation is not None
     rows = judged_rows(subject.measurements)
     chosen = spread_rows(len(rows), _ARROWS)
     position = rows.robot.mechanism.forward(rows.q)[:, :3, 3]
     extent = max(float(np.ptp(position, axis=0).max()), 1e-3)
     methods, least = [], []
-    for each in subject.evaluation.methods:
+    for each in subject.evaluated.methods:
         error = each.position.mean(axis=1)
         least.append(float(each.position_size.mean()))
         methods.append(

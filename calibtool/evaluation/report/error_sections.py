@@ -12,13 +12,12 @@ from calibtool.evaluation.report.content import Drawing, PageSection, PageTable,
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements
 
-_WORST = 5  # configurations listed per calibration
+_WORST = 5  # number of configurations listed per calibration
 
 
 def errors_section(subject: Subject, judged: Measurements) -> PageSection:
     """Statistics and distribution of the errors, and the worst configurations."""
-    evaluation = subject.evaluation
-    assert evaluation is not None
+    evaluation = subject.evaluated
     entries: list[dict[str, Any]] = evaluation.as_json()["methods"]  # type: ignore[assignment]
     tables = [
         PageTable(
@@ -68,8 +67,7 @@ def distribution_caption(subject: Subject) -> str:
 
 
 def _floor(subject: Subject) -> str:
-    assert subject.evaluation is not None
-    if subject.evaluation.kind == "compensated":
+    if subject.evaluated.kind == "compensated":
         return ""
     return " Dashed: what the noise of the measurement alone gives (rms)."
 
@@ -96,7 +94,7 @@ def _worst(methods: list[MethodErrors], judged: Measurements) -> PageTable:
     return PageTable("Largest position errors, and the joints there", header, rows, folded=True)
 
 
-def vectors_section(subject: Subject) -> PageSection:
+def vectors_section() -> PageSection:
     """Error vectors in three projections."""
     return PageSection(
         "vectors",
@@ -119,9 +117,8 @@ def vectors_section(subject: Subject) -> PageSection:
 
 def uncorrectable_section(subject: Subject) -> PageSection:
     """Poses that the actual robot cannot reach with any joint positions."""
-    evaluation = subject.evaluation
-    assert evaluation is not None
-    section = PageSection("uncorrectable", "What no joint can correct")
+    evaluation = subject.evaluated
+    name, title = "uncorrectable", "What no joint can correct"
     beyond = evaluation.uncorrectable
     if beyond is None:
         known = (
@@ -135,7 +132,7 @@ def uncorrectable_section(subject: Subject) -> PageSection:
             else "Not known: only a simulation with a known set-up knows which poses the actual "
             "robot can take."
         )
-        return PageSection(section.id, section.title, [reason], printed=False)
+        return PageSection(name, title, [reason], printed=False)
     line = (
         f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by "
         "the actual robot: too few joints, or out of reach. The error that remains at the "
@@ -147,15 +144,13 @@ def uncorrectable_section(subject: Subject) -> PageSection:
         for quantity, unit in (("position", "mm"), ("orientation", "mrad"))
         if (values := whole[f"{quantity}_{unit}"]) is not None
     ]
-    return PageSection(
-        section.id, section.title, [line], (), [PageTable("Nearest poses", ["", *STATISTICS], rows)]
-    )
+    tables = [PageTable("Nearest poses", ["", *STATISTICS], rows)]
+    return PageSection(name, title, [line], (), tables)
 
 
 def pose_test_section(subject: Subject) -> PageSection:
     """AP and RP where configurations were repeated."""
-    evaluation = subject.evaluation
-    assert evaluation is not None
+    evaluation = subject.evaluated
     title = "ISO 9283: pose accuracy and repeatability"
     drawing = Drawing(
         "iso9283",

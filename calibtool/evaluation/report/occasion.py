@@ -1,10 +1,8 @@
 """What an acceptance document says beside its figures: who measured what, where and for whom."""
 
-import tomllib
+from pydantic import BaseModel, ConfigDict
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from calibtool.errors import InputError
+from calibtool.robot.toml_text import parse_toml, read_model
 
 FIELDS = {
     "serial": "serial number",
@@ -47,17 +45,8 @@ class Occasion(BaseModel):
 
 def parse_occasion(text: str, name: str) -> Occasion:
     """The occasion from a TOML text called `name`. InputError for anything else."""
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: {error}") from None
+    values = parse_toml(text, name)
     for key, value in values.items():
         if not isinstance(value, dict | list):
             values[key] = str(value)  # a date, a number of degrees
-    try:
-        return Occasion(**values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        known = ", ".join(Occasion.model_fields)
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(f"{name}: {place}: {first['msg']}; known are {known}") from None
+    return read_model(Occasion, values, name)

@@ -10,7 +10,7 @@ from calibtool.unfinished_files import temporary_folder
 
 PAPERS = {"a4": "A4", "letter": "letter"}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-_LONGEST = 120  # s
+_LONGEST = 120  # s that the browser may take
 
 
 def to_pdf(page: str, paper: str = "a4") -> bytes:

@@ -26,7 +26,8 @@ _VARIABLES = {
 }
 
 _COORDINATES = re.compile(r' (d|x|y|transform)="[^"]*"')
-_DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
+# Digits after the second decimal are removed: a hundredth of a point is enough
+_DIGITS = re.compile(r"(\.\d\d)\d+")
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,15 @@ def html_report(
     anywhere; the same subject gives the same text. Names from files are escaped. The whole
     `evaluate --json` is in the element `#evaluation`.
     """
-    measurements, evaluation = subject.measurements, subject.evaluation
+    measurements, evaluation = subject.measurements, subject.evaluated
     assert measurements is not None
-    assert evaluation is not None
     rows = judged_rows(measurements)
     occasion = occasion or Occasion()
     figures = evaluation.as_json()
     subject = _titled(subject, occasion.calibrations)
     sections = [
         error_sections.errors_section(subject, rows),
-        error_sections.vectors_section(subject),
+        error_sections.vectors_section(),
         calibration_sections.training_section(subject),
         calibration_sections.motions_section(subject),
         calibration_sections.parameters_section(subject),
@@ -106,8 +106,7 @@ def _titled(subject: Subject, titles: dict[str, str]) -> Subject:
     """The subject with its calibrations called by their titles."""
     if not titles:
         return subject
-    evaluation = subject.evaluation
-    assert evaluation is not None
+    evaluation = subject.evaluated
 
     def called(errors: MethodErrors) -> MethodErrors:
         return replace(errors, name=titles.get(errors.name, errors.name))

@@ -10,7 +10,7 @@ from calibtool.evaluation.metrics import pose_statistics
 from calibtool.evaluation.observed import noise_of_errors
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
-from calibtool.evaluation.wording import brought, words
+from calibtool.evaluation.wording import outcome_sentence, words
 from calibtool.identification.sufficiency import few_rows
 from calibtool.measurement.checks import design_findings
 from calibtool.robot.se3 import Array
@@ -34,8 +34,7 @@ class Headline:
 
 def verdicts(subject: Subject) -> list[Verdict]:
     """One per calibration, from the numbers of `evaluate --json`."""
-    assert subject.evaluation is not None
-    entries = cast("list[dict[str, Any]]", subject.evaluation.as_json()["methods"])
+    entries = cast("list[dict[str, Any]]", subject.evaluated.as_json()["methods"])
     nominal, *others = entries
     noise = _noise(subject)
     judged = None if subject.measurements is None else judged_rows(subject.measurements).q
@@ -57,10 +56,9 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
     best = min(found, key=lambda verdict: verdict.changes[0].after_value)
     change = best.changes[0]
     lowered = change.after_value < change.before_value
-    assert subject.evaluation is not None
     alone = len(found) == 1
     called = "the calibration" if alone else best.name
-    outcome = brought(subject.evaluation, called, change.before, change.after)
+    outcome = outcome_sentence(subject.evaluated, called, change.before, change.after)
     outcome = outcome[0].upper() + outcome[1:] if alone else outcome
     if not lowered:
         outcome = (
@@ -93,8 +91,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
     """Cautions that weaken the numbers; judged (N, n) joint positions."""
-    evaluation = subject.evaluation
-    assert evaluation is not None
+    evaluation = subject.evaluated
     result = []
     if subject.measurements is not None:
         result += [f"On import of the judged rows: {f}." for f in subject.measurements.findings]
@@ -125,8 +122,7 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
 
 def remarks(subject: Subject) -> list[str]:
     """Sentences that explain the numbers."""
-    evaluation = subject.evaluation
-    assert evaluation is not None
+    evaluation = subject.evaluated
     result = [words(evaluation.kind, evaluation.before).remark]
     assumed = subject.calibrations[0][1].robot.source.description.assumed
     if assumed is not None:
@@ -176,16 +172,14 @@ def _changes(
 
 def _noise(subject: Subject) -> dict[str, float | None]:
     """Errors that noise alone causes, m and rad; None where the errors contain no noise."""
-    assert subject.evaluation is not None
-    if subject.measurements is None or subject.evaluation.kind == "compensated":
+    if subject.measurements is None or subject.evaluated.kind == "compensated":
         return {"position": None, "orientation": None}
     return noise_of_errors(subject.measurements)
 
 
 def _judgements(subject: Subject, k: int) -> list[Judgement]:
     """Every limit against the k-th method, by the rule that sets the exit code of `evaluate`."""
-    assert subject.evaluation is not None
-    method, test = subject.evaluation.methods[k], subject.evaluation.pose_tests[k]
+    method, test = subject.evaluated.methods[k], subject.evaluated.pose_tests[k]
     result = []
     for limit in subject.limits:
         found = limit.found(method, test)

@@ -16,8 +16,8 @@ from calibtool.evaluation.study.study_table import Row
 if TYPE_CHECKING:
     from distributed import Client
 
-REACH_SECONDS = 4  # a scheduler answers at once or not at all
-WORKER_SECONDS = 5  # without a worker, until it is said
+REACH_SECONDS = 4  # time in which a scheduler must answer
+WORKER_SECONDS = 5  # time without a worker after which the user is told
 
 
 def on_cluster(
@@ -25,22 +25,22 @@ def on_cluster(
     indices: Sequence[int],
     address: str,
     security: ClusterSecurity | None = None,
-    told: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from the workers of
     a Dask scheduler.
 
     Workers need calibtool of this version. A run whose worker ends repeatedly gets rows with that
     status. security: TLS files, for an address tls://HOST:PORT; scheduler, workers and this process
-    trust each other (docs/study.md). told: is called with a line when there are no workers; the
-    study waits for them. UsageError without dask[distributed], or when no scheduler answers at
+    trust each other (docs/study.md). notify: is called with a message when there are no workers;
+    the study waits for them. UsageError without dask[distributed], or when no scheduler answers at
     `address`; CalibtoolError when the cluster goes away, or a worker cannot perform runs.
     """
     client = _connect(address, security)
     from distributed import KilledWorker, as_completed
 
     stop = threading.Event()
-    watching = threading.Thread(target=_watch, args=(client, address, told, stop), daemon=True)
+    watching = threading.Thread(target=_watch, args=(client, address, notify, stop), daemon=True)
     watching.start()
     try:
         shared = client.submit(_given, study, key=f"calibtool-study-{study.key}")
@@ -67,7 +67,7 @@ def on_cluster(
 
 
 def _watch(
-    client: "Client", address: str, told: Callable[[str], None], stop: threading.Event
+    client: "Client", address: str, notify: Callable[[str], None], stop: threading.Event
 ) -> None:
     """Report when there have been no workers for a while, once each time."""
     silent = False
@@ -77,7 +77,7 @@ def _watch(
         except Exception:  # the scheduler is gone: waiting for runs raises, too
             return
         if not workers and not silent:
-            told(f"{address}: no workers yet; waiting for some: dask worker {address}")
+            notify(f"{address}: no workers yet; waiting for some: dask worker {address}")
         silent = not workers
 
 

@@ -19,7 +19,7 @@ from calibtool.robot.toml_text import parse_toml, read_model, validation_message
 
 NOMINAL = "nominal"
 METHODS = (NOMINAL, "local-poe", "complete", "network", "network-local-poe", "default")
-LARGEST = 1_000_000  # runs of one study
+LARGEST = 1_000_000  # number of runs that one study may have
 
 T = TypeVar("T")
 

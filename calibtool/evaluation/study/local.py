@@ -39,7 +39,7 @@ def in_processes(
     """
     waiting = deque(indices)
     tries = dict.fromkeys(indices, 0)
-    stillborn = 0  # processes in a row that ended before they could work
+    failed_starts = 0  # processes in a row that ended before they could work
     pool = [_Worker(study) for _ in range(min(workers, len(indices)))]
     try:
         while waiting or any(worker.index is not None for worker in pool):
@@ -51,8 +51,8 @@ def in_processes(
                 try:
                     answer = worker.connection.recv()
                 except (EOFError, OSError):
-                    stillborn = 0 if worker.ready else stillborn + 1
-                    if stillborn > _TRIES * len(pool):
+                    failed_starts = 0 if worker.ready else failed_starts + 1
+                    if failed_starts > _TRIES * len(pool):
                         raise CalibtoolError(
                             "the worker processes end before they are ready"
                         ) from None
@@ -68,7 +68,7 @@ def in_processes(
                             lost(study, index, f"its worker process was killed {_TRIES} times"),
                         )
                     continue
-                worker.index, worker.ready, stillborn = None, True, 0
+                worker.index, worker.ready, failed_starts = None, True, 0
                 if waiting:
                     following = waiting.popleft()
                     tries[following] += 1

@@ -18,9 +18,10 @@ from calibtool.robot.se3 import Array
 from calibtool.robot.source import Source, example_robot_data
 from calibtool.robot.tree import urdf_root
 from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
+from calibtool.robot.z_axes import turn_z_to
 
 _LINK, _JOINT = np.array([0.62, 0.64, 0.67, 1.0]), np.array([0.35, 0.37, 0.4, 1.0])
-_THIN = 1e-9  # m: shorter links have no length
+_THIN = 1e-9  # m: shorter links count as having no length
 
 
 def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
@@ -143,7 +144,7 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
             solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]
         else:
             solid, along = coal.Cylinder(1.5 * width, 4 * width), twist[3:]
-        _add(shape, f"joint{j + 1}", joint[j], pin.SE3(_turn_z_to(along), origin), solid, _JOINT)
+        _add(shape, f"joint{j + 1}", joint[j], pin.SE3(turn_z_to(along), origin), solid, _JOINT)
     return shape
 
 
@@ -153,7 +154,7 @@ def _add_rod(
     """A cylinder between two points of a joint's frame."""
     length = float(np.linalg.norm(end - start))
     if length > _THIN:
-        middle = pin.SE3(_turn_z_to((end - start) / length), (start + end) / 2)
+        middle = pin.SE3(turn_z_to((end - start) / length), (start + end) / 2)
         _add(shape, name, joint, middle, coal.Cylinder(radius, length), _LINK)
 
 
@@ -168,9 +169,3 @@ def _add(
     piece = pin.GeometryObject(name, joint, placement, solid)
     piece.meshColor = colour
     shape.addGeometryObject(piece)
-
-
-def _turn_z_to(direction: Array) -> Array:
-    """A rotation that takes z to a unit direction."""
-    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).matrix()
-    return rotation

@@ -18,26 +18,27 @@ if TYPE_CHECKING:
     from pinocchio.visualize import ViserVisualizer
     from viser import ViserServer
 
+_HOST = "127.0.0.1"
 _NOMINAL, _FOUND = (0, 114, 178), (213, 94, 0)
-_SMALL = 1e-3  # m: no scene is drawn smaller
+_SMALL = 1e-3  # m: smallest size in which a scene is drawn
 
 
 @contextlib.contextmanager
 def serving(
-    scene: Scene, shape: pin.GeometryModel, magnify: float, port: int, host: str = "127.0.0.1"
+    scene: Scene, shape: pin.GeometryModel, magnify: float, port: int
 ) -> Iterator["ViserVisualizer"]:
     """A server that shows the scene inside the block, with a slider for the configuration and
     the magnification.
 
     shape: visual geometry of the arm, on the joints of the robot's chain. Its `viewer` is the
-    server. It answers browsers of this machine only (`local_server`), under `host` and localhost.
+    server. It answers browsers of this machine only (`local_server`).
     UsageError without viser or a Pinocchio that knows it, or when the port is taken.
     """
     visualizer = _visualizer(scene, shape)
-    _check_free(host, port)
+    _check_free(_HOST, port)
     size = max(scene.extent, _SMALL)
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints to stdout, which is for data
-        server = local_server(host, port, f"calibtool: {scene.robot.name}")
+        server = local_server(_HOST, port, f"calibtool: {scene.robot.name}")
         visualizer.initViewer(viewer=server)
         visualizer.loadViewerModel("arm", frame_axis_length=size / 20, frame_axis_radius=size / 600)
     server.scene.set_up_direction("+z")
@@ -47,7 +48,7 @@ def serving(
     chosen = server.gui.add_slider("configuration", 1, max(len(scene), 2), 1, 1)
     factor = server.gui.add_number("errors ×", magnify, min=0.0)
     everywhere = server.gui.add_checkbox("all configurations", True)
-    told = server.gui.add_markdown("")
+    description = server.gui.add_markdown("")
 
     def draw(_: Any = None) -> None:
         now = min(int(chosen.value), len(scene)) - 1
@@ -60,7 +61,7 @@ def serving(
             np.arange(len(scene)) != now if everywhere.value else np.zeros(len(scene), dtype=bool)
         )
         _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
-        told.content = (
+        description.content = (
             f"**{scene.error_rms[now] * 1e3:.3f} mm** off here, "
             f"{np.median(scene.error_rms) * 1e3:.3f} mm "
             f"in the median; blue: nominal, orange: {scene.meaning}"

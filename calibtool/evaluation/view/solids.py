@@ -9,9 +9,9 @@ from pinocchio import coal
 from calibtool.evaluation.view.scene import Scene
 from calibtool.robot.se3 import Array
 
-_MOST = 9000  # triangles of a page
-_ROUND = 14  # corners of a cylinder
-_COARSEST = 12  # cells along a mesh: no mesh is made coarser
+_MOST = 9000  # number of triangles of a page
+_ROUND = 14  # number of corners of a cylinder
+_COARSEST = 12  # cells along a mesh: no mesh gets fewer
 
 
 @dataclass(frozen=True, eq=False)

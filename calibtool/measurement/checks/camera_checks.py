@@ -15,9 +15,9 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array, inverse, readonly
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
-_OTHER = 0.01  # change of a scale that is named
-_SCALES = np.geomspace(0.03, 30.0, 11)  # tried first: inches for mm, mm for cm
-_OF_SPREAD = 0.15  # of how the board moves in the camera: more is no error of an arm
+_OTHER = 0.01  # smallest change of a scale that is named
+_SCALES = np.geomspace(0.03, 30.0, 11)  # tried first: inches instead of mm, mm instead of cm
+_OF_SPREAD = 0.15  # of the board's motion in the camera: a larger residual is no error of an arm
 _MOST_ROWS = 25
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -27,10 +27,10 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
     few = measurements.rows(spread_rows(len(measurements), _MOST_ROWS))
     if (poses := _camera_poses(few)) is None:
         return []
-    carried = not isinstance(few.setup.kind, CornersFromBeside)
+    on_tool = not isinstance(few.setup.kind, CornersFromBeside)
 
     def rms(seen: Array, scale: float = 1.0) -> float:
-        points = (inverse(seen) if carried else seen)[:, None, :3, 3]
+        points = (inverse(seen) if on_tool else seen)[:, None, :3, 3]
         return nominal_fit(_as_points(few, scale * points), free=False).rms
 
     before = rms(poses)

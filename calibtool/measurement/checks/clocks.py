@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding, severity
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
@@ -12,11 +12,11 @@ from calibtool.measurement.observation import observation_matrix
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.se3 import readonly
 
-_WIDEST = 0.5  # s
+_WIDEST = 0.5  # s: largest offset that is looked for
 _STEPS = 51
 _ROUNDS = 6
 _CLEAR = 5.0  # standard errors at which an offset is named
-_SMALL = 0.1e-3  # s: less is of no account
+_SMALL = 0.1e-3  # s: smaller offsets do not matter
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ def clock_finding(measurements: Measurements, stream: JointStream | None) -> Fin
     """Whether the two clocks agree."""
     if stream is None or (found := clock_offset(measurements.points_alone(), stream)) is None:
         return None
-    left = found.offset - stream.offset
-    clear = abs(left) > max(_CLEAR * found.error, _SMALL) and found.after < found.before
-    numbers: dict[str, float | int | list[float]] = {
+    difference = found.offset - stream.offset
+    clear = abs(difference) > max(_CLEAR * found.error, _SMALL) and found.after < found.before
+    numbers: Numbers = {
         "clock_offset_s": found.offset,
         "used_s": stream.offset,
         "standard_error_s": found.error,
@@ -90,9 +90,7 @@ def clock_finding(measurements: Measurements, stream: JointStream | None) -> Fin
         )
     message = (
         f"the joints are those of another instant: with {found.offset:+.4g} s added to the stamps "
-        "of the points the nominal "
-        f"robot fits them to {found.after * 1e3:.3g} mm rms, now to {found.before * 1e3:.3g} "
-        "mm; import with "
-        f"--clock-offset {found.offset:.4f}"
+        f"of the points the nominal robot fits them to {found.after * 1e3:.3g} mm rms, now to "
+        f"{found.before * 1e3:.3g} mm; import with --clock-offset {found.offset:.4f}"
     )
-    return Finding("clock_offset", severity(True), message, numbers)
+    return Finding("clock_offset", "warning", message, numbers)

@@ -10,10 +10,10 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
 MOVES = 1e-3  # rad or m: a joint that moves less stands still
-REPEATS = 1e-3  # rad or m: configurations nearer than this are the same one, driven to again
+REPEATS = 1e-3  # rad or m: configurations that differ by less are the same one, driven to again
 _FLAT = 0.01  # extent across the plane over the largest one along it
-_TURNS = 0.05  # rad: a tool that turns less about an axis keeps its orientation about it
-_ALONE = 0.8  # part of the rows in which at most one joint has left its usual position
+_TURNS = 0.05  # rad: a tool that turns less about an axis has a constant orientation about it
+_ALONE = 0.8  # part of the rows in which at most one joint is away from its usual position
 
 
 def design_findings(robot: Robot, q: Array) -> list[Finding]:
@@ -23,8 +23,8 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
     q (N, n), rad or m.
     """
     found = [
-        _still(robot, q),
-        *_equal_joints(robot, q),
+        _still(q),
+        *_equal_joints(q),
         _one_at_a_time(robot, q),
         _repeated(q),
         _plane(robot, q),
@@ -61,7 +61,7 @@ def _first_seen(values: Array) -> Array:
     return np.where(seen.any(axis=0), first, 0.0)
 
 
-def _still(robot: Robot, q: Array) -> Finding | None:
+def _still(q: Array) -> Finding | None:
     still = np.flatnonzero(np.ptp(q, axis=0) < MOVES)
     if not len(still):
         return None
@@ -72,7 +72,7 @@ def _still(robot: Robot, q: Array) -> Finding | None:
     return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
 
 
-def _equal_joints(robot: Robot, q: Array) -> list[Finding]:
+def _equal_joints(q: Array) -> list[Finding]:
     if len(q) < 3:
         return []
     return [

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.measurements import Measurements
 
-_MOST = 8  # groups
-_REFINED = 6  # rows on either side of a border among which it is sought
+_MOST = 8  # number of groups
+_REFINED = 6  # number of rows on either side of a border among which it is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,16 +22,16 @@ class Groups:
 
     def finding(self, before: float) -> Finding:
         """Which rows belong together."""
-        told = [
+        groups = [
             f"{start + 1}-{end} ({size * 1e3:.3g} mm)"
             for (start, end), size in zip(self.borders, self.sizes, strict=True)
         ]
         message = (
             f"the nominal robot fits all points to {before * 1e3:.3g} mm rms, but groups of rows "
-            f"much better: {', '.join(told)}; the instrument or its target was moved in between; "
+            f"much better: {', '.join(groups)}; the instrument or its target was moved in between; "
             "name the groups in a column station"
         )
-        numbers: dict[str, float | int | list[float]] = {
+        numbers: Numbers = {
             "first_rows": [start + 1 for start, _ in self.borders],
             "rms_mm": before * 1e3,
             "repaired_rms_mm": self.rms * 1e3,

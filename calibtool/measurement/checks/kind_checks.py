@@ -2,35 +2,27 @@
 
 import numpy as np
 
-from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.camera_checks import camera_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.lonely_places import lonely_places
+from calibtool.measurement.checks.nominal_fit import rms_of_lengths
 from calibtool.measurement.checks.reading_mistakes import reading_findings
 from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import residuals
-from calibtool.measurement.registration import register
 from calibtool.measurement.setup import Setup
-from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.se3 import transform_points
 
-_SUSPICIOUS = 5e-3  # of the length of the arm: more, and mistakes are looked for
-_GROSS = 3e-2  # of the length of the arm
+_SUSPICIOUS = 5e-3  # of the length of the arm: with a larger residual, mistakes are looked for
+_GROSS = 3e-2  # of the length of the arm: a larger residual is a warning
 _LINE = 0.02  # extent across a line over that along it
 
 
 def kind_findings(measurements: Measurements) -> list[Finding]:
     """Readings that the nominal robot does not explain, planes touched along a line, the design."""
-    robot, setup = measurements.robot, measurements.setup
-    poses = robot.mechanism.forward(measurements.q)
-    try:
-        setup = register(measurements, poses)
-        left = residuals(measurements, setup, poses)[:, setup.kind.lengths(setup)]
-        rms = float(np.sqrt((left**2).mean()))
-    except NoSolutionError:
-        rms = np.inf
-    found = _lines(measurements, setup, poses) if measurements.kind == "plane" else []
+    robot = measurements.robot
+    setup, rms = rms_of_lengths(measurements)
+    found = _lines(measurements, setup) if measurements.kind == "plane" else []
     if rms > _SUSPICIOUS * robot.length:
         found += reading_findings(measurements, rms) or camera_findings(measurements)
     if rms > _GROSS * robot.length and not found:
@@ -44,9 +36,10 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
     return sorted(found, key=lambda finding: finding.severity != "warning")
 
 
-def _lines(measurements: Measurements, setup: Setup, poses: Array) -> list[Finding]:
+def _lines(measurements: Measurements, setup: Setup) -> list[Finding]:
     """Planes whose points lie on a line."""
     assert setup.planes is not None
+    poses = measurements.robot.mechanism.forward(measurements.q)
     points, found = transform_points(poses, setup.targets)[:, 0], []
     own = of_place(np.arange(len(setup.planes)), measurements.place, len(points))
     for g in range(len(setup.planes)):

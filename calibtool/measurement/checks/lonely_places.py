@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.measurements import Measurements
 from calibtool.units import count_of
 
-_OWN = "(?:base|board|plane|sphere|camera)"  # names of what there is once for each place
+_OWN = "(?:base|board|plane|sphere|camera)"  # names of what each place has one of
 
 
 def lonely_places(measurements: Measurements) -> list[Finding]:
@@ -31,7 +31,7 @@ def lonely_places(measurements: Measurements) -> list[Finding]:
             "needed to determine where it is: its rows give no information about the arm; measure "
             f"at least {_enough(unknowns, equations, len(rows))} rows there"
         )
-        numbers: dict[str, float | int | list[float]] = {
+        numbers: Numbers = {
             "place": g + 1,
             "equations": equations,
             "unknowns": unknowns,

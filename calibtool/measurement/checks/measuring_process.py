@@ -13,10 +13,11 @@ from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.units import count_of
 
-_LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
+_LOUD = 3.0  # times the stated noise: largest scatter of repeated configurations
 _RARE = 1e-3  # probability below which a trend is not chance
-_MOST_ROWS = 1000  # enough for a trend
+_MOST_ROWS = 1000  # number of rows that is enough for a trend
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 
@@ -58,8 +59,7 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     rows = len(groups) - len(size)
     message = (
         f"{rows} rows repeat the joint positions of another row: they scatter by "
-        f"{scatter * 1e3:.3g} mm per coordinate, "
-        f"stated noise {noise * 1e3:.3g} mm"
+        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
     )
     numbers: Numbers = {
         "rows": rows,
@@ -98,11 +98,11 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     rows, means = paths[int(np.argmax(spans))]
     span, noise = max(spans), measurements.noise_position
     numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
-    left = f"; {gross} gross reading{'s' if gross > 1 else ''} left out" if gross else ""
+    omitted = f"; {count_of(gross, 'gross reading')} left out" if gross else ""
     if z < _CLEAR:
         message = (
             f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the "
-            f"file{left}"
+            f"file{omitted}"
         )
         return Finding("reference_drift", "note", message, numbers)
     numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
@@ -113,7 +113,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     message = (
         f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
         "or the instrument "
-        "drifts; import --use-references brings the rows back by them" + left
+        "drifts; import --use-references brings the rows back by them" + omitted
     )
     return Finding("reference_drift", severity(span > noise), message, numbers)
 

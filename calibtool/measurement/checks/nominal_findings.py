@@ -17,18 +17,15 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
 
-# of the length, and m: no arm is built so badly that its drawing misses by more
-_SUSPICIOUS, _AT_LEAST = (
-    1.5e-2,
-    5e-3,
-)
-_GROSS = 3e-2  # the same, when nothing that was tried explains it
+# Of the length, and m: no arm differs from its drawing by more
+_SUSPICIOUS, _AT_LEAST = 1.5e-2, 5e-3
+_GROSS = 3e-2  # of the length: the same limit where no tried mistake explains the residual
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
-_FAR = 4.0  # times the median: rows tried without
-_ALIKE = 1.5  # explanations nearer to each other than this are named together
-_OF_SPREAD = 0.1  # of the spread of the points: what an explanation must leave less than
-_FEWER = 10.0  # the same for explanations with more unknowns
-_MOST_ROWS = 150  # enough to tell one explanation from another
+_FAR = 4.0  # times the median: rows with a larger residual are left out in one trial
+_ALIKE = 1.5  # explanations whose residuals differ by a smaller factor are named together
+_OF_SPREAD = 0.1  # of the spread of the points: an explanation must leave a smaller residual
+_FEWER = 10.0  # how much better explanations with more unknowns must explain the data
+_MOST_ROWS = 150  # number of rows that is enough to distinguish the explanations
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
@@ -68,8 +65,7 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
         return None
     message = (
         f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms "
-        "although its positions fit; "
-        "check the convention and the unit of the angles"
+        "although its positions fit; check the convention and the unit of the angles"
     )
     return Finding(
         "orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))}
@@ -156,9 +152,8 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points "
-        f"to {_mm(before.rms)} rms, "
-        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points to "
+        f"{_mm(before.rms)} rms, without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -182,8 +177,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         if after * _BETTER < before:
             message = (
                 f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as "
-                f"{listed(order)}; "
-                "sort their columns"
+                f"{listed(order)}; sort their columns"
             )
             numbers: Numbers = {
                 "order": [i + 1 for i in order],
@@ -201,8 +195,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
     )
     message = (
         f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up "
-        f"to {_mm(free.rms)}; "
-        "check what was given, or leave it out"
+        f"to {_mm(free.rms)}; check what was given, or leave it out"
     )
     return Finding(
         "given_setup",
@@ -226,8 +219,7 @@ def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
         return None
     message = (
         f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in "
-        "this order; harmless while "
-        "they are estimated, wrong with --robot-targets"
+        "this order; harmless while they are estimated, wrong with --robot-targets"
     )
     return Finding("target_order", "note", message, {"order": [int(i) + 1 for i in order]})
 

@@ -30,5 +30,19 @@ def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
         setup = register(points)
     except NoSolutionError:
         return Fit(setup, np.full((len(points), 3 * points.points.shape[1]), np.nan), np.inf)
-    left = residuals(points, setup, points.robot.mechanism.forward(points.q))
-    return Fit(setup, left, float(np.sqrt((left**2).sum() / points.seen.sum())))
+    residual = residuals(points, setup, points.robot.mechanism.forward(points.q))
+    return Fit(setup, residual, float(np.sqrt((residual**2).sum() / points.seen.sum())))
+
+
+def rms_of_lengths(measurements: Measurements) -> tuple[Setup, float]:
+    """The set-up registered to the nominal robot, and the rms residual of all lengths, m.
+
+    The given set-up and infinity where it cannot be registered.
+    """
+    poses = measurements.robot.mechanism.forward(measurements.q)
+    try:
+        setup = register(measurements, poses)
+    except NoSolutionError:
+        return measurements.setup, np.inf
+    residual = residuals(measurements, setup, poses)[:, setup.kind.lengths(setup)]
+    return setup, float(np.sqrt((residual**2).mean()))

@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.mistakes import LENGTHS, Mistake, inverse_poses
+from calibtool.measurement.checks.nominal_fit import rms_of_lengths
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import residuals
-from calibtool.measurement.registration import register
 from calibtool.robot.se3 import Array, readonly
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
-_GOOD = 1e-2  # of the length of the arm: what the nominal robot leaves without the mistake
+_GOOD = 1e-2  # of the length of the arm: largest residual of the nominal robot without the mistake
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -24,7 +22,7 @@ def reading_findings(measurements: Measurements, before: float) -> list[Finding]
     """The mistake without which the nominal robot explains the readings best, if it does so by far;
     before: the rms with it, m.
     """
-    tried = [(_rms(m.repaired), m) for m in _mistakes(measurements)]
+    tried = [(rms_of_lengths(m.repaired)[1], m) for m in _mistakes(measurements)]
     after, mistake = min(tried, key=lambda pair: pair[0], default=(np.inf, None))
     if mistake is None or after * _BETTER > before or after > _GOOD * measurements.robot.length:
         return []
@@ -67,14 +65,3 @@ def _mirrored(measurements: Measurements, rotations: Array) -> Measurements:
     points = measurements.points * _MIRROR
     turned = _MIRROR[:, None] * rotations * _MIRROR
     return replace(measurements, points=readonly(points), rotations=readonly(turned))
-
-
-def _rms(measurements: Measurements) -> float:
-    """Rms residual of the lengths with the nominal robot, m; infinite without registration."""
-    poses = measurements.robot.mechanism.forward(measurements.q)
-    try:
-        setup = register(measurements, poses)
-    except NoSolutionError:
-        return float("inf")
-    left = residuals(measurements, setup, poses)[:, setup.kind.lengths(setup)]
-    return float(np.sqrt((left**2).mean()))

@@ -10,9 +10,9 @@ from calibtool.measurement.checks.finding import Finding, Numbers, listed, sever
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
-_STEP = 50.0  # squared standard errors of a change of the mean distances, all pairs together
+_STEP = 50.0  # squared standard errors of a change of the mean distances, summed over all pairs
 _OUTLIER = 8.0  # standard deviations of a distance from that of the rows around it
-_FLOOR = 1e-6  # m: smallest standard deviation of a distance; exact data have rounding errors only
+_FLOOR = 1e-6  # m: smallest standard deviation of a distance, for exact data
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class _Pairs:
             answers.append((float(np.sum(((change - A @ shift) / self.scatter) ** 2)), i, shift))
         answers.sort(key=lambda answer: answer[0])
         least = answers[0][0]
-        alike = sorted(i for left, i, _ in answers if left <= 2 * least + 1e-9)
+        alike = sorted(i for remaining, i, _ in answers if remaining <= 2 * least + 1e-9)
         return " or ".join(str(i + 1) for i in alike), answers[0][2]
 
 

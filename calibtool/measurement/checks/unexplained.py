@@ -12,8 +12,8 @@ from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array
 
-_FREE = 0.1  # m and rad: what a set-up that is not known may be off by
-_ORDERS = {"harmonics": 2}  # of families that have several
+_FREE = 0.1  # m and rad: assumed error of a set-up that is not known
+_ORDERS = {"harmonics": 2}  # of the families that have several
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Unexplained:
             blocks.append(family.columns(shape, context) * size)
         seen = measurements.seen.repeat(3, axis=-1)[..., None]
         tool, place = context.frames.tool, measurements.place
-        if not setup.frame_known:  # a registration takes up what it likes
+        if not setup.frame_known:  # the registration fits the frame freely
             blocks.append(np.broadcast_to(_FREE * np.eye(6), (len(tool), 6, 6)))
         columns = observation_matrix(setup, tool, place) @ np.concatenate(blocks, axis=-1)
         free = _FREE * target_columns(setup, tool, place)
@@ -57,17 +57,17 @@ class Unexplained:
         weighted = self._weighted(x)
         power = max(float(x @ weighted), 1e-300)
         slope = float(weighted @ y) / power
-        left = y - slope * x
-        apart = self._weighted(left)
+        rest = y - slope * x
+        weighted_rest = self._weighted(rest)
         B = (self.A.T @ self.A) @ self.K
-        noise = len(left) - 2 * np.trace(B) + (B * B.T).sum()  # trace of the square of the weights
+        noise = len(rest) - 2 * np.trace(B) + (B * B.T).sum()  # trace of the square of the weights
         # The noise alone as well: errors smaller than their tolerances would make it look smaller.
         variance = max(
-            float(left @ apart) / max(len(left) - 1, 1), float(apart @ apart) / max(noise, 1.0)
+            float(rest @ weighted_rest) / max(len(rest) - 1, 1),
+            float(weighted_rest @ weighted_rest) / max(noise, 1.0),
         )
         return slope, float(np.sqrt(max(variance, 0.0) / power))
 
     def _weighted(self, series: Array) -> Array:
         """The inverse covariance times a series, up to the noise: (N d,)."""
-        result: Array = series - self.A @ (self.K @ (self.A.T @ series))
-        return result
+        return series - self.A @ (self.K @ (self.A.T @ series))

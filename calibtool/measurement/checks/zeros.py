@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
@@ -15,9 +15,9 @@ from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, readonly
 
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])
-_SMALLEST = np.deg2rad(0.3)  # and 3 mm: less is no mistake
+_SMALLEST = np.deg2rad(0.3)  # rad, or 5.2 mm for a slide: smaller offsets are no mistake
 _ROUND, _ALIKE = np.deg2rad(15.0), 1.5
-_FEW_ROWS = 30  # on which offsets all round are tried
+_FEW_ROWS = 30  # number of rows on which offsets all round the circle are tried
 _ITERATIONS = 30
 
 
@@ -35,16 +35,16 @@ class Zeros:
         units = [("mm", 1e3) if p else ("deg", 180.0 / np.pi) for p in robot.prismatic]
         size = self.offsets * [factor for _, factor in units]
         joints = np.flatnonzero(np.abs(self.offsets) > 1e-9).tolist()
-        told = [f"{abs(size[j]):.4g} {units[j][0]} off (add {size[j]:+.4g})" for j in joints]
+        corrections = [f"{abs(size[j]):.4g} {units[j][0]} off (add {size[j]:+.4g})" for j in joints]
         text = ", ".join(
             f"the zero position of joint {j + 1} is {what}"
-            for j, what in zip(joints, told, strict=True)
+            for j, what in zip(joints, corrections, strict=True)
         )
         message = (
             f"the nominal robot fits the points to {before * 1e3:.3g} mm rms, but to "
             f"{self.rms * 1e3:.3g} mm if {text}"
         )
-        numbers: dict[str, float | int | list[float]] = {
+        numbers: Numbers = {
             "joints": [int(j) + 1 for j in joints],
             "add_deg_or_mm": [float(size[j]) for j in joints],
             "rms_mm": before * 1e3,

@@ -11,7 +11,7 @@ from calibtool.measurement.images.opencv import opencv
 from calibtool.robot.se3 import Array
 
 _WIDTH = 480  # px of an image on the sheet
-_MOST = 60  # images
+_MOST = 60  # number of images on the sheet
 _FOUND, _ERROR, _TEXT = (40, 170, 40), (30, 30, 230), (255, 255, 255)  # BGR
 _ENLARGED = 40.0  # length of an error's line on the sheet, px per px
 

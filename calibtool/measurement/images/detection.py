@@ -14,7 +14,7 @@ from calibtool.measurement.images.opencv import opencv
 from calibtool.robot.se3 import Array
 
 _CLEAR, _WINDOWS = 2.0, (2, 12)  # px between a window and a marker, half width of the window
-_LEAST = 6  # corners that tell a pose with some redundancy
+_LEAST = 6  # number of corners that determine a pose with some redundancy
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +122,7 @@ def _refined(image: Any, pixels: Array, board: BoardDescription) -> Array:
 def _mapped(H: Array, points: Array) -> Array:
     """Points (k, 2) by a homography (3, 3)."""
     mapped = np.concatenate([points, np.ones((len(points), 1))], axis=-1) @ H.T
-    found: Array = mapped[:, :2] / mapped[:, 2:]
-    return found
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def off_plane(pixels: Array, board: BoardDescription) -> float:

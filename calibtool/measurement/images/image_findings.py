@@ -13,13 +13,13 @@ from calibtool.measurement.images.lens import Lens
 from calibtool.measurement.images.opencv import opencv
 from calibtool.robot.se3 import Array
 
-_BLURRED = 0.15  # of the median sharpness of the images that show the board
-_TRIED = 4  # images in which a mistake is looked for
-_FLAT = 5e-3  # of the width of the image: corners further from a plane are those of another board
+_BLURRED = 0.15  # of the median sharpness: images of the board below it are blurred
+_TRIED = 4  # number of images in which a mistake is looked for
+_FLAT = 5e-3  # of the width of the image: corners farther from a plane belong to another board
 _FAR, _AT_LEAST = 3.0, 0.5  # times the median reprojection error, and px
-_NAMED = 12  # images named in a message
-_LEAST = 6  # markers in an image of use
-_WIDEST = 20  # squares across that are tried
+_NAMED = 12  # number of images named in a message
+_LEAST = 6  # number of markers in a usable image
+_WIDEST = 20  # largest number of squares across that is tried
 
 
 def lost_images(seen: Sequence[Seen], size: tuple[int, int]) -> list[Finding]:

@@ -35,7 +35,7 @@ from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
-PIXEL_NOISE = 0.05  # px at least: no detector finds corners better
+PIXEL_NOISE = 0.05  # px: smallest noise, because no detector finds corners better
 _FILES = ("image", "file", "filename", "file name", "picture", "photo", "bild", "datei", "frame")
 Camera = Literal["tool", "beside"]
 

@@ -9,8 +9,8 @@ from calibtool.measurement.images.opencv import opencv
 from calibtool.measurement.kinds.projection import project
 from calibtool.robot.se3 import Array, transform_points
 
-FEWEST = 5  # images from which a lens is calibrated
-_TILT = np.deg2rad(5.0)  # between boards: less, and focal length and distance are one
+FEWEST = 5  # number of images from which a lens can be calibrated
+_TILT = np.deg2rad(5.0)  # between boards: below it, focal length and distance cannot be separated
 
 
 @dataclass(frozen=True, eq=False)

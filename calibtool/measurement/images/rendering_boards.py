@@ -10,7 +10,7 @@ from calibtool.measurement.kinds.projection import undistorted
 from calibtool.robot.se3 import Array
 
 _FINE = 40  # px of a square in the drawing
-_SAMPLES = 2  # rays per px and axis
+_SAMPLES = 2  # number of rays per px and axis
 _GREY, _NOISE, _BLUR = 110.0, 1.5, 0.6  # of the background; of the sensor; of the lens, px
 
 

@@ -5,8 +5,8 @@ from calibtool.measurement.importing.column_map import ColumnMap, parse_column_m
 from calibtool.measurement.importing.commanded_targets import CommandedFile
 from calibtool.measurement.importing.imported import Imported, JointFile, Understood
 from calibtool.measurement.importing.preview import preview
-from calibtool.measurement.importing.references import brought_back
-from calibtool.measurement.importing.row_selection import choose_rows, select_rows
+from calibtool.measurement.importing.references import undo_instrument_motion
+from calibtool.measurement.importing.row_selection import choose_rows
 from calibtool.measurement.importing.second_arm_columns import SecondArm
 from calibtool.measurement.importing.stated_units import Stated
 
@@ -18,12 +18,11 @@ __all__ = [
     "SecondArm",
     "Stated",
     "Understood",
-    "brought_back",
     "choose_rows",
     "import_table",
     "parse_column_map",
     "preview",
     "read_table",
-    "select_rows",
     "template_of",
+    "undo_instrument_motion",
 ]

@@ -137,17 +137,15 @@ def read_table(
         joint_table, warnings = joint_table.take(kept), [*warnings, left_out]
         source = replace(source, table=source.table.take(kept) if joints else joint_table)
         targets = targets and targets.take(kept)
-    mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
-    if board and complete.pose is not None:
+    if board:
+        if complete.pose is None:
+            raise UsageError("--poses-of board: the table holds no poses")
         pose = complete.pose.model_copy(update={"of": "board"})
         complete = complete.model_copy(update={"pose": pose})
-    elif board:
-        raise UsageError("--poses-of board: the table holds no poses")
     assert complete.joints is not None
-    stated_values = complete.joints.values
-    if mapped and joint_values is not None:
-        stated_values = joint_values
+    mapped = columns is not None and columns.joints is not None
+    stated_values = (joint_values if mapped else None) or complete.joints.values
     kept, left_out = _measured(source.table, complete)
     if left_out:
         same = joint_table is source.table
@@ -156,32 +154,15 @@ def read_table(
         targets, warnings = targets and targets.take(kept), [*warnings, left_out]
     whose = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(whose)
+    if frame is not None:
+        instrument = complete.instrument.model_copy(update={"frame": frame})
+        complete = complete.model_copy(update={"instrument": instrument})
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
-    points = read_points(table, complete)
-    zero = _not_seen(points) if complete.lengths is None else np.zeros(points.shape[:2], bool)
-    if zero.any():  # no instrument measures its own origin to the last digit
-        points = np.where(zero[..., None], np.nan, points)
-        warnings.append(
-            f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: line "
-            f"{line_ranges([table.lines[k] for k in np.flatnonzero(zero.any(axis=-1)).tolist()])}"
-        )
-    seen = ~np.isnan(points[..., 0])
-    values = None if complete.lengths is None else read_lengths(table, complete.lengths)
-    if values is not None and complete.lengths is not None:
-        if complete.lengths.of in ("distance", "centre") and (values == 0.0).any():
-            lines = [table.lines[k] for k in _rows((values == 0.0).any(axis=-1))]
-            warnings.append(
-                f"{table.name}: a distance of 0 was taken for 'not read' in "
-                f"{int((values == 0.0).sum())} places: line {line_ranges(lines)}"
-            )
-            values = np.where(values == 0.0, np.nan, values)
-        seen = np.isfinite(values)
-    if not seen.any(axis=-1).all():
-        row = int(np.argmin(seen.any(axis=-1)))
-        why = " (0, 0, 0 is not seen)" if zero[row].any() else ""
-        raise InputError(f"{table.place(row)}: no target was measured in this row{why}")
+    points, values, zeros = _points_and_values(table, complete)
+    warnings += zeros
+    seen = ~np.isnan(points[..., 0]) if values is None else np.isfinite(values)
     place_of, places = (
         (None, ()) if complete.place is None else read_places(table, complete.place.column)
     )
@@ -194,15 +175,7 @@ def read_table(
         q=readonly(q),
         points=readonly(points),
         rotations=rotations,
-        setup=known_setup(
-            complete,
-            robot,
-            points,
-            frame or complete.instrument.frame,
-            robot_targets,
-            name,
-            places,
-        ),
+        setup=known_setup(complete, robot, points, robot_targets, name, places),
         values=None if values is None else readonly(values),
         place=place_of,
         noise_position=complete.noise.position_mm * 1e-3,
@@ -227,13 +200,7 @@ def read_table(
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
-        columns=complete.model_copy(
-            update={
-                "instrument": complete.instrument.model_copy(
-                    update={"frame": frame or complete.instrument.frame}
-                )
-            }
-        ),
+        columns=complete,
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
         ignored=_ignored(source, joint_table, complete, joints, second_arm is not None),
@@ -242,6 +209,43 @@ def read_table(
     )
     imported = Imported(measurements, warnings, auxiliary, understood, stream)
     return imported if stream is None else imported.with_clock_offset(0.0)
+
+
+def _points_and_values(table: Table, columns: ColumnMap) -> tuple[Array, Array | None, list[str]]:
+    """Points (N, m, 3) in m, other values (N, d), and warnings; what was not seen is NaN.
+
+    InputError for a row in which nothing was measured.
+    """
+    points, warnings = read_points(table, columns), []
+
+    def lines(rows: np.ndarray) -> str:
+        missing = np.flatnonzero(rows.any(axis=-1)).tolist()
+        return f"line {line_ranges([table.lines[k] for k in missing])}"
+
+    if columns.lengths is None:
+        zero = _not_seen(points)
+        if zero.any():  # no instrument measures its own origin to the last digit
+            points = np.where(zero[..., None], np.nan, points)
+            warnings.append(
+                f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: "
+                f"{lines(zero)}"
+            )
+        values, seen = None, ~np.isnan(points[..., 0])
+    else:
+        values = read_lengths(table, columns.lengths)
+        zero = (values == 0.0) & (columns.lengths.of in ("distance", "centre"))
+        if zero.any():
+            values = np.where(zero, np.nan, values)
+            warnings.append(
+                f"{table.name}: a distance of 0 was taken for 'not read' in {int(zero.sum())} "
+                f"places: {lines(zero)}"
+            )
+        seen = np.isfinite(values)
+    if not seen.any(axis=-1).all():
+        row = int(np.argmin(seen.any(axis=-1)))
+        why = " (0, 0, 0 is not seen)" if values is None and zero[row].any() else ""
+        raise InputError(f"{table.place(row)}: no target was measured in this row{why}")
+    return points, values, warnings
 
 
 def template_of(
@@ -264,8 +268,7 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning for every target that is missing in some rows, with their lines."""
     return [
         f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
-        f"{int((~seen[:, i]).sum())} of {len(seen)} "
-        "rows; their other targets count: line "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} rows; their other targets count: line "
         f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()

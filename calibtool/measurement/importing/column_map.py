@@ -11,7 +11,7 @@ from calibtool.robot.description import Point
 from calibtool.robot.orientation import numbers_in
 from calibtool.robot.toml_text import parse_toml, read_model
 
-POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
+POSITION_NOISE = 0.05e-3  # m: stated for an instrument whose noise is not given
 
 LengthUnit = Literal["mm", "m", "in"]
 AngleUnit = Literal["deg", "rad"]
@@ -21,8 +21,7 @@ Triple = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 CONVENTIONS = (
     "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, "
-    "quaternion-wxyz, -xyzw, "
-    "matrix (nine numbers, row by row), matrix-columns"
+    "quaternion-wxyz, -xyzw, matrix (nine numbers, row by row), matrix-columns"
 )
 
 
@@ -184,7 +183,7 @@ class ColumnMap(_Strict):
 
     @property
     def columns(self) -> set[str]:
-        """Every column that the map speaks for."""
+        """Every column that the map uses."""
         parts: list[list[str]] = [target.columns for target in self.targets]
         parts += [reference.measured for reference in self.references]
         parts += [part.columns for part in (self.joints, self.joints_read) if part]

@@ -11,14 +11,14 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-# Windows, DOS, old Macs; the first unless signs speak for another
+# Windows, DOS, old Macs; the first unless the contents fit another one better
 _EIGHT_BIT = (
     "cp1252",
     "cp850",
     "mac_roman",
 )
 _SIGN = re.compile(r"(?<![^\W\d_])[°µ²³](?=[^\wà-ÿ]|[cCFKmM]?\b|$)")
-_BEGINNING = 4000  # bytes, in which zeros tell UTF-16 without a mark
+_BEGINNING = 4000  # number of bytes in which zeros show UTF-16 without a mark
 
 
 def decoded(data: bytes, name: str, encoding: str | None = None) -> tuple[str, str | None]:

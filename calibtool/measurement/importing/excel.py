@@ -9,9 +9,9 @@ from zipfile import ZipFile
 from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
 from calibtool.tables import Table, check_header
 
-ZIP = b"PK\x03\x04"  # how a workbook starts
+ZIP = b"PK\x03\x04"  # first bytes of a workbook
 _ROOM, _PACKED = 16 << 20, 40  # bytes that a workbook may unpack to: 16 MiB and 40 times its length
-_ROWS = 1_048_576  # of a sheet
+_ROWS = 1_048_576  # number of rows that a sheet may have
 
 
 def parse_workbook(

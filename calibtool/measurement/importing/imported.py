@@ -66,9 +66,9 @@ class Imported(NamedTuple):
     def split(
         self, rows: str | None, sample: int | None, seed: int
     ) -> "tuple[Imported, Imported | None]":
-        """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
-        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
-        return self.rows(taken), self.rows(left) if len(left) else None
+        """The chosen rows and the rest (None if there is none), see `choose_rows`."""
+        chosen, others = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(chosen), self.rows(others) if len(others) else None
 
     def rows(self, index: np.ndarray) -> "Imported":
         """Some of the rows: their indices (k,)."""

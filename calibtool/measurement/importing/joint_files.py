@@ -16,8 +16,8 @@ from calibtool.tables import Table
 
 Join = Literal["index", "name", "time"]
 JOINS: tuple[str, ...] = get_args(Join)
-JOIN_TOLERANCE = 0.1  # s
-_MOST_RANGES = 20  # of lines in a message
+JOIN_TOLERANCE = 0.1  # s between the stamps of two rows that belong together
+_MOST_RANGES = 20  # number of ranges of lines in a message
 
 
 def join_rows(
@@ -101,8 +101,7 @@ def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.
         if column not in table.header:
             raise InputError(
                 f"{table.name}: no column '{column}' to join by; name it so, or give [join] "
-                "measured = …, joints = … "
-                "in the --columns file"
+                "measured = …, joints = … in the --columns file"
             )
     wanted, known = compared(measured.texts(pair[0]), joints.texts(pair[1]))
     rows: dict[str, int] = {}
@@ -140,8 +139,7 @@ def stamps(measured: Table, joints: Table, columns: JoinColumns | None) -> tuple
         if column is None:
             raise InputError(
                 f"{table.name}: no time stamps time_s, time_ms or time_iso to join by; name the "
-                "column so, or give [join] "
-                "measured = …, joints = …, unit = … in the --columns file"
+                "column so, or give [join] measured = …, joints = …, unit = … in the --columns file"
             )
         found.append(times(table, column))
     return found[0], found[1]

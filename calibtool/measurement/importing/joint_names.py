@@ -17,7 +17,7 @@ _ASKED = {
     "setpoint",
     "nominal",
 }
-_MOST_WORDS = 20  # in the name of a joint
+_MOST_WORDS = 20  # number of words in the name of a joint
 _AROUND = {
     *_READ,
     *_ASKED,

@@ -15,7 +15,6 @@ def known_setup(
     columns: ColumnMap,
     robot: Robot,
     points: Array,
-    frame: str,
     robot_targets: bool,
     name: str,
     labels: tuple[str, ...] = (),
@@ -45,7 +44,7 @@ def known_setup(
     setup = Setup(
         T_instrument_base=readonly(np.eye(4)),
         targets=readonly(targets),
-        frame_known=frame == "base" and places == 1,
+        frame_known=columns.instrument.frame == "base" and places == 1,
         targets_known=known,
         places=labels,
     )

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import permutations
 
 from calibtool.errors import InputError
@@ -9,6 +10,7 @@ from calibtool.measurement.importing.labels import compared, label_columns, over
 from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.spatial_analyzer import in_order
 from calibtool.tables import Table
+from calibtool.units import count_of
 
 _MOST_TARGETS = 12
 _SPLITS = (  # of a name into configuration and target, or the other way round
@@ -46,8 +48,7 @@ def one_row_each(
     points = [names.original[f"{axis}{unit}"] for axis in "xyz"]
     return _wide(table, chosen, targets, points, labels, unit), (
         f"{table.name}: one point per line, read as {len({c for c, _ in chosen})} configurations "
-        f"of {len(targets)} "
-        f"target{'s' if len(targets) > 1 else ''} ({', '.join(targets)})"
+        f"of {count_of(len(targets), 'target')} ({', '.join(targets)})"
     )
 
 
@@ -125,12 +126,4 @@ def _wide(
             lines[configuration] = line
         start = 1 + 3 * place[target]
         rows[configuration][start : start + 3] = [cells[i] for i in at]
-    return Table(
-        table.name,
-        header,
-        list(rows.values()),
-        list(lines.values()),
-        table.delimiter,
-        table.decimal,
-        table.header_line,
-    )
+    return replace(table, header=header, rows=list(rows.values()), lines=list(lines.values()))

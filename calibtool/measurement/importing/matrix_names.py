@@ -13,7 +13,7 @@ MATRIX = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]  # row by row
 _INDEXED = re.compile(r"(.*?) ?([0-4]) ?([0-4])")
 _LETTERS = re.compile(r"(.*?) ?\b([nosa]) ?([xyz])")  # approach vectors: n, o (or s), a
 _FLAT = re.compile(r"(.*?) ?(\d{1,2})")
-_LONGEST = 60  # characters of such a name
+_LONGEST = 60  # characters that such a name may have
 _ASKED = {"nominal", "nom", "soll", "cmd", "command", "commanded", "design", "target", "desired"}
 
 _Cells = dict[tuple[int, int], str]  # columns by row and column of the matrix, from zero

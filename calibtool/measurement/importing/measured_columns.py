@@ -63,8 +63,7 @@ def measured_columns(names: Named, source: SourceTable, stated: Stated) -> dict[
         return {"lengths": lengths}
     raise InputError(
         f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or "
-        "a pose, "
-        "or map the columns with --columns MAP.toml"
+        "a pose, or map the columns with --columns MAP.toml"
     )
 
 
@@ -120,8 +119,7 @@ def _numbered(
         if None not in (unit, match[2]) and unit != match[2]:
             raise InputError(
                 f"{names.table.name}: columns '{names.original[before]}' and "
-                f"'{names.original[column]}' of one point have "
-                "different units"
+                f"'{names.original[column]}' of one point have different units"
             )
     result = []
     for number, (column, unit) in sorted(found.items()):
@@ -192,8 +190,7 @@ def _pose(names: Named, stated: Stated) -> PoseColumns | None:
                 )
                 raise InputError(
                     f"{table.name}: the {what} of the orientation {' '.join(columns)} is not "
-                    "stated; "
-                    f"give {option}: {known}"
+                    f"stated; give {option}: {known}"
                 )
             return _pose_columns(place, columns, asked, stated_unit)
     return None

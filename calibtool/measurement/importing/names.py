@@ -93,8 +93,7 @@ def named(
         if name in original:
             raise InputError(
                 f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, "
-                "or map the columns with "
-                "--columns MAP.toml"
+                "or map the columns with --columns MAP.toml"
             )
         original[name] = column
     header = [

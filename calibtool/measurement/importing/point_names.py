@@ -60,8 +60,7 @@ def point_names(
         if axes.setdefault(who_axis[1], column) != column:
             raise InputError(
                 f"{place}: columns '{axes[who_axis[1]]}' and '{column}' mean the same; rename one, "
-                "or map the columns with "
-                "--columns MAP.toml"
+                "or map the columns with --columns MAP.toml"
             )
     whole = {key: axes for key, axes in groups.items() if len(axes) == 3}
     plain, numbered, others, robot = _sorted(list(whole))
@@ -106,7 +105,7 @@ def _who_axis(name: str) -> tuple[str, str] | None:
     if lower in _SURVEYED:
         return "coordinates", _SURVEYED[lower]
     match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
-    if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows
+    if match is None or re.search(r"[\[\](){}<>]", lower):  # an unknown unit
         return None
     who = match["who"].strip()
     return (

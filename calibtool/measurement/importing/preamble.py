@@ -13,7 +13,7 @@ from calibtool.tables import split_lines
 
 _DELIMITERS = ("\t", ";", ",", " ")
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
-_MOST_LINES = 500  # among which a header is looked for
+_MOST_LINES = 500  # number of lines among which a header is looked for
 _COMMENT = re.compile(r"\s*(?:#|//|%|;)\s*")
 
 

@@ -9,7 +9,7 @@ from calibtool.measurement.importing.column_map import ColumnMap
 from calibtool.measurement.importing.imported import Imported
 from calibtool.measurement.observation import measured_in_base
 from calibtool.robot.robot import Robot
-from calibtool.units import TO_SI
+from calibtool.units import TO_SI, count_of
 
 _FIRST_ROWS = 3
 
@@ -26,10 +26,7 @@ def preview(imported: Imported) -> str:
     facts = [
         ("robot", f"{robot.name}, {robot.n} joints"),
         ("file", f"{table.name}: {_spelling(imported)}"),
-        (
-            "configurations",
-            f"{len(measurements)}, {_each(imported)} each",
-        ),
+        ("configurations", f"{len(measurements)}, {_each(imported)} each"),
         ("joints", _joints(columns, robot)),
     ]
     if understood.joints_name != table.name:
@@ -41,11 +38,8 @@ def preview(imported: Imported) -> str:
     for i, target in enumerate(columns.targets):
         where = "place on the tool estimated"
         if measurements.setup.targets_known:
-            where = (
-                "on the tool at "
-                + " ".join(f"{v:g}" for v in measurements.setup.targets[i] * 1e3)
-                + " mm"
-            )
+            known = " ".join(f"{v:g}" for v in measurements.setup.targets[i] * 1e3)
+            where = f"on the tool at {known} mm"
         sign = "+" if target.error_is == "measured-minus-nominal" else "-"
         names = target.measured or [
             f"{a} {sign} {b}" for a, b in zip(target.nominal or [], target.error or [], strict=True)
@@ -92,12 +86,10 @@ def preview(imported: Imported) -> str:
 
 def _fact(key: str, value: str) -> list[str]:
     """A name and its value, wrapped to lines of 80 columns."""
-    beside = " " * 16
     return wrap(
         f"{key:<15} {value}",
         80,
-        subsequent_indent=beside,
-        drop_whitespace=True,
+        subsequent_indent=" " * 16,
         break_long_words=False,
         break_on_hyphens=False,
     )
@@ -121,15 +113,13 @@ def _spelling(imported: Imported) -> str:
 
 
 def _each(imported: Imported) -> str:
-    """What a row has."""
+    """What was measured in each row."""
     measurements = imported.measurements
     if measurements.values is not None:
-        count = measurements.values.shape[1]
-        return f"{count} length{'s' if count > 1 else ''}"
+        return count_of(measurements.values.shape[1], "length")
     if measurements.rotations is not None:
         return "1 6-D pose"
-    count = measurements.points.shape[1]
-    return f"{count} target{'s' if count > 1 else ''}"
+    return count_of(measurements.points.shape[1], "target")
 
 
 def _joints(columns: ColumnMap, robot: Robot) -> str:

@@ -20,7 +20,7 @@ from calibtool.robot.se3 import Array
 from calibtool.tables import Table
 from calibtool.units import TO_SI
 
-_CELSIUS = -273.15  # added to K
+_CELSIUS = -273.15  # added to a temperature in K
 
 
 def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:

@@ -14,9 +14,10 @@ from calibtool.measurement.reference_motion import (
     instrument_motion,
 )
 from calibtool.robot.se3 import Array, readonly
+from calibtool.units import count_of
 
 
-def brought_back(
+def undo_instrument_motion(
     imported: Imported, file: tuple[bytes | str, str] | None = None, stated: Stated = Stated()
 ) -> tuple[Imported, list[str], bool]:
     """The rows as if all were measured when the references were first read, notes, and whether rows
@@ -63,7 +64,7 @@ def brought_back(
     points, rotations = measurements.points.copy(), measurements.rotations
     rotations = None if rotations is None else rotations.copy()
     fixed = None if auxiliary.reference_points is None else auxiliary.reference_points.copy()
-    told, moved = [], False
+    notes, moved = [], False
     for number in np.unique(place):
         rows = np.flatnonzero(place == number)
         of = nearest == number
@@ -74,7 +75,7 @@ def brought_back(
             measurements.noise_position,
         )
         label = f"{measurements.places[number]}: " if measurements.places else ""
-        told.append(f"{label}{text}")
+        notes.append(f"{label}{text}")
         if motion is None:
             continue
         moved = True
@@ -90,7 +91,7 @@ def brought_back(
         rotations=None if rotations is None else readonly(rotations),
     )
     beside = replace(auxiliary, reference_points=fixed)
-    return imported._replace(measurements=back, auxiliary=beside), told, moved
+    return imported._replace(measurements=back, auxiliary=beside), notes, moved
 
 
 def _motion(
@@ -101,11 +102,9 @@ def _motion(
     """
     clean, gross = references.ordered().without_gross(noise)
     readings = len(np.unique(clean.times))
-    left = (
-        f"; {gross} reading{'s' if gross > 1 else ''} far from the others left out" if gross else ""
-    )
+    omitted = f"; {count_of(gross, 'reading')} far from the others left out" if gross else ""
     if readings < 2:
-        return f"the reference points were read once only: the rows stay as they are{left}", None
+        return f"the reference points were read once only: the rows stay as they are{omitted}", None
     first, last = float(clean.times[0]), float(clean.times[-1])
     if last < instants.min() or first > instants.max():
         raise InputError(
@@ -117,9 +116,8 @@ def _motion(
     if not motion.found:
         span = float((np.nanmax(clean.points, axis=0) - np.nanmin(clean.points, axis=0)).max())
         return (
-            "the reference points do not say more than their noise "
-            f"({motion.noise * 1e3:.2g} mm; they differ by up to {span * 1e3:.2g} mm): the rows "
-            f"stay as they are{left}"
+            f"the reference points do not say more than their noise ({motion.noise * 1e3:.2g} mm; "
+            f"they differ by up to {span * 1e3:.2g} mm): the rows stay as they are{omitted}"
         ), None
     back, _ = motion.moved_back(instants, points)
     size = float(np.nanmax(np.linalg.norm(back - points, axis=-1)))
@@ -127,7 +125,7 @@ def _motion(
     shift, turn = (np.linalg.norm(part, axis=1).max() for part in np.split(motion.twists, 2, 1))
     outside = int(((instants < first) | (instants > last)).sum())
     ends = (
-        f"; {outside} row{'s' if outside > 1 else ''} beyond the first or last reading: as there"
+        f"; {count_of(outside, 'row')} beyond the first or last reading: as there"
         if outside
         else ""
     )
@@ -135,5 +133,5 @@ def _motion(
         f"the reference points move by up to {shift * 1e3:.3g} mm and {turn * 1e3:.3g} mrad "
         f"against the instrument ({readings} readings, noise {motion.noise * 1e3:.2g} mm): rows "
         f"are brought back into the frame of the first reading, by up to {size * 1e3:.3g} mm "
-        f"± {motion.deviation(seen) * 1e3:.2g} mm at the points{ends}{left}"
+        f"± {motion.deviation(seen) * 1e3:.2g} mm at the points{ends}{omitted}"
     ), motion

@@ -79,7 +79,7 @@ def read_bag(path: Path, robot: Robot, topics: Sequence[str] = ()) -> BagTables:
 def _topic(
     path: Path, types: dict[str, str], wanted: list[str], what: str, asked: Sequence[str]
 ) -> str:
-    """The one topic of these types, or the one that was asked for."""
+    """The one topic of these types, or the requested one."""
     fitting = sorted(topic for topic, kind in types.items() if kind in wanted)
     if asked:
         if asked[0] not in fitting:

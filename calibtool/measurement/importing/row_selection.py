@@ -5,7 +5,6 @@ import re
 import numpy as np
 
 from calibtool.errors import UsageError
-from calibtool.measurement.measurements import Measurements
 
 
 def choose_rows(
@@ -29,14 +28,6 @@ def choose_rows(
             raise UsageError(f"--sample {sample}: there are only {len(chosen)} rows to draw from")
         chosen = np.sort(np.random.default_rng(seed).permutation(chosen)[:sample])
     return chosen, np.setdiff1d(np.arange(count), chosen)
-
-
-def select_rows(
-    measurements: Measurements, rows: str | None, sample: int | None, seed: int
-) -> tuple[Measurements, Measurements]:
-    """The chosen rows of measurements and the others, see `choose_rows`; both keep the set-up."""
-    chosen, rest = choose_rows(len(measurements), rows, sample, seed)
-    return measurements.rows(chosen), measurements.rows(rest)
 
 
 def line_ranges(lines: list[int]) -> str:

@@ -21,11 +21,12 @@ end of their names if all have different ones, otherwise in their order of appea
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 from typing import Literal, get_args
 
 from calibtool.errors import InputError
 from calibtool.tables import LONG_LINE, Table, split_lines, text_lines
-from calibtool.units import LARGEST
+from calibtool.units import number_in
 
 Layout = Literal["names", "groups", "order", "single", "targets"]
 LAYOUTS: tuple[str, ...] = get_args(Layout)
@@ -141,10 +142,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _is_number(cell: str) -> bool:
-    try:
-        return "_" not in cell and abs(float(cell)) < LARGEST
-    except ValueError:
-        return False
+    return not isnan(number_in(cell))
 
 
 def _layout(points: list[_Point], name: str) -> str:

@@ -53,7 +53,7 @@ def _plain(column: str) -> str:
 def _ends(column: str) -> Iterator[tuple[str, str]]:
     """The ways to split a name into one without unit and what may be a unit."""
     text = _plain(column)
-    # Only the end is searched: the patterns take the square of the length of what they look at.
+    # Only the end is searched: the time of the patterns grows with the square of the length.
     front, end = text[:-_LONGEST], text[-_LONGEST:]
     for pattern in (_BRACKETED, _TRAILING, _ATTACHED):
         match = pattern.fullmatch(end)

@@ -90,14 +90,12 @@ def _views(count: int, rng: np.random.Generator) -> Array:
     seen = _half_turn() @ exp6(turn) @ exp6(roll)
     seen[:, :2, 3] = rng.uniform(-0.12, 0.12, (count, 2))
     seen[:, 2, 3] = rng.uniform(*_VIEW, count)
-    found: Array = seen
-    return found
+    return seen
 
 
 def _half_turn() -> Array:
     """A board that faces the camera."""
-    turned: Array = exp6(np.array([0.0, 0.0, 0.0, np.pi, 0.0, 0.0]))
-    return turned
+    return exp6(np.array([0.0, 0.0, 0.0, np.pi, 0.0, 0.0]))
 
 
 def _ahead(distance: float) -> Array:

@@ -17,10 +17,10 @@ from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
 TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool
-_TILT = np.deg2rad(90.0)  # of the tool, from how it reached the place first
+_TILT = np.deg2rad(90.0)  # largest tilt of the tool against its first orientation at the place
 _TRIES = 60
-_CANDIDATES = 40  # among which places far from each other are chosen
-_ROUNDS = 5  # of the iteration for errors of joint motions
+_CANDIDATES = 40  # number of places among which those far from each other are chosen
+_ROUNDS = 5  # number of iterations for errors of joint motions
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ SIZE = (1600, 1200)  # px
 BOARD = BoardDescription(
     kind="charuco", squares=(9, 7), square_mm=25.0, marker_mm=18.0, dictionary="5x5_100"
 )
-PIXEL_NOISE = 0.1  # px
+PIXEL_NOISE = 0.1  # px, stated noise of a corner
 _MIDDLE = 0.45  # m between camera and board
-_LEAST = 6  # corners in an image of use
-_DRAWN = 3  # times as many configurations as are taken
+_LEAST = 6  # number of corners in a usable image
+_DRAWN = 3  # number of drawn configurations over those that are taken
 
 
 def corners_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:

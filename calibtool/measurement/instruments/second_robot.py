@@ -9,9 +9,10 @@ from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array, exp6, inverse, transform_points
 
-_SENSOR = np.array([0.02, -0.03, 0.12, 0.2, -0.1, 0.5])  # on the second flange
-_SEEN = 0.05  # m: the ball is this near to the middle of the sensor
-_APART = 0.9  # of the arm's length, between the bases
+# Twist of the sensor on the second flange, m and rad
+_SENSOR = np.array([0.02, -0.03, 0.12, 0.2, -0.1, 0.5])
+_SEEN = 0.05  # m: largest distance of the ball from the middle of the sensor
+_APART = 0.9  # of the arm's length: distance of the two bases
 _TRIES = 100
 
 

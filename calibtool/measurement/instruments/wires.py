@@ -25,5 +25,4 @@ def wires(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Obse
 def _directions(count: int, rng: np.random.Generator) -> Array:
     """Unit vectors (count, 3): wires that pull from one side tell little of the other two."""
     thirds = [np.linalg.qr(rng.normal(size=(3, 3)))[0].T for _ in range(0, count, 3)]
-    found: Array = np.concatenate(thirds)[:count]
-    return found
+    return np.concatenate(thirds)[:count]

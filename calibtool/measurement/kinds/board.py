@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.instrument import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place, places_of
-from calibtool.measurement.rotation_search import nearest_rotation
-from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew
+from calibtool.errormodel.family import COMPONENTS
+from calibtool.measurement.kinds.kind import (
+    Kind,
+    Readings,
+    of_place,
+    places_of,
+    pose_of_tripod,
+    tripod,
+)
+from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew, translation
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -70,30 +76,20 @@ class BoardPose(Kind):
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)[:, :3]
         turns = (T_base_tool @ _camera(setup))[:, :3, :3]
-        found: Array = -(turns @ residual[..., None])[..., 0][:, None]
-        return found
+        return -(turns @ residual[..., None])[..., 0][:, None]
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
         """The camera's origin and the tips of its axes in the board's frame: four points."""
         assert readings.rotations is not None
-        turned = np.swapaxes(readings.rotations, -1, -2)
-        origin = -(turned @ readings.points[:, 0, :, None])[..., 0]
-        tips = origin[:, None] + arm * np.swapaxes(turned, -1, -2)
-        camera = _camera(setup)
-        on_tool = camera[:3, 3] + arm * camera[:3, :3].T
-        return np.concatenate([origin[:, None], tips], axis=1), np.concatenate(
-            [camera[None, :3, 3], on_tool]
-        )
+        seen = translation(readings.points[:, 0])
+        seen[:, :3, :3] = readings.rotations
+        return tripod(inverse(seen), arm), tripod(_camera(setup)[None], arm)[0]
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
-        camera = np.eye(4)
-        camera[:3, :3] = nearest_rotation((targets[1:] - targets[:1]).T)
-        camera[:3, 3] = targets[0]
-        boards = inverse(setup.frames)
         return replace(
             setup,
-            T_tool_camera=readonly(camera),
-            T_base_boards=readonly(boards),
+            T_tool_camera=readonly(pose_of_tripod(targets)),
+            T_base_boards=readonly(inverse(setup.frames)),
             T_instrument_base=readonly(np.eye(4)),
             further_frames=None,
         )
@@ -108,8 +104,7 @@ class BoardPose(Kind):
     def _board(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
         """Predicted poses of the rows' boards in the camera (N, 4, 4)."""
         boards = of_place(_boards(setup), place, len(T_base_tool))
-        found: Array = inverse(T_base_tool @ _camera(setup)) @ boards
-        return found
+        return inverse(T_base_tool @ _camera(setup)) @ boards
 
 
 def _camera(setup: Setup) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibtool.measurement.kinds.kind import Readings
 from calibtool.measurement.kinds.tool_point import STARTS, ToolPoint
-from calibtool.robot.se3 import Array, readonly, skew, transform_points
+from calibtool.robot.se3 import Array, point_columns, readonly, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -31,15 +31,11 @@ class Distances(ToolPoint):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, lengths, _ = _along(setup, T_base_tool)
-        residual: Array = np.nan_to_num(readings.values - lengths)
-        return residual
+        return np.nan_to_num(readings.values - lengths)
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, units = _along(setup, T_base_tool)
-        found: Array = units @ np.concatenate(
-            [np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=-1
-        )
-        return found
+        return units @ point_columns(points)
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         _, _, units = _along(setup, T_base_tool)
@@ -59,8 +55,7 @@ class Distances(ToolPoint):
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)
-        found: Array = residual[..., None] * _along(setup, T_base_tool)[2]
-        return found
+        return residual[..., None] * _along(setup, T_base_tool)[2]
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point given, |p|² − l² = 2 p·a − |a|² is linear in a and |a|²."""

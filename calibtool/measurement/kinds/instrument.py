@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibtool.errormodel.family import COMPONENTS
 from calibtool.measurement.kinds.kind import Kind, of_place, places_of
 from calibtool.robot.se3 import Array, exp6, readonly
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
-
-COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class InstrumentKind(Kind):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from calibtool.robot.se3 import Array, inverse, readonly
+from calibtool.measurement.rotation_search import nearest_rotation
+from calibtool.robot.se3 import Array, inverse, readonly, transform_points, translation
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -32,8 +33,7 @@ class Readings(NamedTuple):
     @property
     def seen(self) -> np.ndarray:
         """Which points were seen: (N, m) bool."""
-        seen: np.ndarray = ~np.isnan(self.points[..., 0])
-        return seen
+        return ~np.isnan(self.points[..., 0])
 
 
 class Kind(ABC):
@@ -98,9 +98,11 @@ class Kind(ABC):
         """Whether the instrument sees anything at these poses: (N,) bool."""
         return np.ones(len(T_base_tool), dtype=bool)
 
-    @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
         """1/σ of every coordinate (N, d) from the stated noise, 0 for what was not seen."""
+        if readings.values is not None:
+            return np.isfinite(readings.values) / noise_position
+        return readings.seen.repeat(3, axis=-1) / noise_position
 
     def lengths(self, setup: Setup) -> np.ndarray:
         """Which coordinates are lengths, the others angles: (d,) bool."""
@@ -136,12 +138,12 @@ class Kind(ABC):
 
     # --- other frames ---
 
-    @abstractmethod
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
         """The set-up in another tool frame.
 
         T_new_tool (4, 4), m: pose of the present tool frame in the new one.
         """
+        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
 
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
         """The set-up in another base frame.
@@ -166,3 +168,24 @@ def of_place(arrays: np.ndarray, place: np.ndarray | None, count: int) -> Array:
     """The array of each row's place: (G, …) → (count, …)."""
     found: Array = arrays[places_of(place, count)]
     return found
+
+
+def array_of(setup: Setup, name: str) -> Array:
+    """An array of the set-up that its kind has, by name."""
+    found: Array = getattr(setup, name)
+    return found
+
+
+def tripod(poses: Array, arm: float) -> Array:
+    """Origins of poses (N, 4, 4) and the points at `arm` (m) on their three axes: (N, 4, 3), m."""
+    origin = poses[:, None, :3, 3]
+    return np.concatenate([origin, origin + arm * np.swapaxes(poses[:, :3, :3], -1, -2)], axis=1)
+
+
+def pose_of_tripod(points: Array) -> Array:
+    """The pose (4, 4), m, with its origin at the first of points (4, 3), m, and axes nearest to
+    those of their `tripod`.
+    """
+    pose = translation(points[0])
+    pose[:3, :3] = nearest_rotation((points[1:] - points[:1]).T)
+    return pose

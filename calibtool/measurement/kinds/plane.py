@@ -69,8 +69,7 @@ class PlaneProbe(ToolPoint):
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)
         normals = _seen(setup, T_base_tool, readings.place)[1][:, None, :3]
-        found: Array = residual[..., None] * normals
-        return found
+        return residual[..., None] * normals
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point given, each plane is fitted to its points: by their smallest

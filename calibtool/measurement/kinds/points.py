@@ -9,7 +9,7 @@ import numpy as np
 
 from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.kinds.kind import Readings
-from calibtool.robot.se3 import Array, readonly, skew, transform_points
+from calibtool.robot.se3 import Array, point_columns, readonly, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -33,22 +33,13 @@ class TargetPoints(InstrumentKind):
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         """P of Eq. 18, with rows [I, −[p_i]×]."""
         points = transform_points(T_base_tool, setup.targets)
-        count, m = points.shape[:2]
-        identity = np.broadcast_to(np.eye(3), (count, m, 3, 3))
-        return np.concatenate([identity, -skew(points)], axis=-1).reshape(count, 3 * m, 6)
+        return point_columns(points).reshape(len(points), -1, 6)
 
     def moved_on_tool(self, setup: Setup, step: Array) -> Setup:
         return replace(setup, targets=readonly(setup.targets + step.reshape(-1, 3)))
-
-    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
-        seen: Array = readings.seen.repeat(3, axis=-1) / noise_position
-        return seen
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
         return readings.points, setup.targets
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
         return replace(setup, targets=readonly(targets))
-
-    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))

@@ -14,15 +14,14 @@ from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_NEAREST = 1e-6  # m in front of the camera: nothing behind it is seen
-_ROUNDS = 20  # of the inversion of the distortion
+_NEAREST = 1e-6  # m in front of the camera: nearer points are not seen
+_ROUNDS = 20  # number of iterations of the inversion of the distortion
 
 
 def project(points: Array, intrinsics: Array) -> Array:
     """Points (…, 3) of the camera's frame, m, in the image: (…, 2), px."""
     ideal, _ = _ideal(points)
-    found: Array = _distorted(ideal, intrinsics) * intrinsics[:2] + intrinsics[2:4]
-    return found
+    return _distorted(ideal, intrinsics) * intrinsics[:2] + intrinsics[2:4]
 
 
 def by_point(points: Array, intrinsics: Array) -> Array:
@@ -66,8 +65,7 @@ def by_lens(points: Array, intrinsics: Array) -> Array:
 def stepped(intrinsics: Array, step: Array) -> Array:
     """Intrinsics after a step (9,) as in `by_lens`."""
     focal = np.concatenate([intrinsics[:2], intrinsics[:2], np.ones(5)])
-    found: Array = intrinsics + focal * step
-    return found
+    return intrinsics + focal * step
 
 
 def undistorted(pixels: Array, intrinsics: Array) -> Array:
@@ -107,8 +105,7 @@ def _ideal(points: Array) -> tuple[Array, Array]:
 
 
 def _radial(r2: Array, k1: float, k2: float, k3: float) -> Array:
-    found: Array = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return found
+    return 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
 
 
 def _distorted(ideal: Array, intrinsics: Array) -> Array:

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.instrument import COMPONENTS
-from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.errormodel.family import COMPONENTS
+from calibtool.measurement.kinds.kind import Kind, Readings, array_of, of_place
 from calibtool.measurement.rotation_search import nearest_rotation
-from calibtool.robot.se3 import Array, adjoint, exp6, inverse, readonly, skew, transform_points
+from calibtool.robot.se3 import (
+    Array,
+    adjoint,
+    exp6,
+    inverse,
+    point_columns,
+    readonly,
+    transform_points,
+)
 
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
@@ -44,13 +52,11 @@ class SeenFromArm(Kind):
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         seen = self._seen(setup, T_base_tool, readings.place)
-        residual: Array = np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
-        return residual
+        return np.nan_to_num(readings.points - seen).reshape(len(seen), -1)
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         sensor = self._sensor(setup, place, len(T_base_tool))
-        found: Array = self._by_twist(setup, T_base_tool, place) @ adjoint(inverse(sensor))
-        return found
+        return self._by_twist(setup, T_base_tool, place) @ adjoint(inverse(sensor))
 
     def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         count, m = len(T_base_tool), len(setup.targets)
@@ -60,9 +66,13 @@ class SeenFromArm(Kind):
         for i in range(m):
             targets[:, i, :, i] = turned
         moving = -self._by_twist(setup, T_base_tool, place)
-        carried = inverse(_array(setup, "T_base_base2")) @ sensor
+        in_base2 = inverse(array_of(setup, "T_base_base2")) @ sensor
         return np.concatenate(
-            [targets.reshape(count, 3 * m, 3 * m), moving, moving @ adjoint(inverse(carried))],
+            [
+                targets.reshape(count, 3 * m, 3 * m),
+                moving,
+                moving @ adjoint(inverse(in_base2)),
+            ],
             axis=-1,
         )
 
@@ -71,19 +81,14 @@ class SeenFromArm(Kind):
         return replace(
             setup,
             targets=readonly(setup.targets + step[:-12].reshape(-1, 3)),
-            T_flange2_sensor=readonly(_array(setup, "T_flange2_sensor") @ steps[0]),
-            T_base_base2=readonly(_array(setup, "T_base_base2") @ steps[1]),
+            T_flange2_sensor=readonly(array_of(setup, "T_flange2_sensor") @ steps[0]),
+            T_base_base2=readonly(array_of(setup, "T_base_base2") @ steps[1]),
         )
-
-    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
-        seen: Array = readings.seen.repeat(3, axis=-1) / noise_position
-        return seen
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool).reshape(len(T_base_tool), -1, 3)
         sensor = self._sensor(setup, readings.place, len(residual))
-        found: Array = residual @ np.swapaxes(sensor[:, :3, :3], -1, -2)
-        return found
+        return residual @ np.swapaxes(sensor[:, :3, :3], -1, -2)
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With B = T_base_base2⁻¹ and S = T_flange2_sensor the points z of the sensor fulfil
@@ -92,7 +97,7 @@ class SeenFromArm(Kind):
 
         for the tool's pose R, p and the flange's R_F, p_F: linear in R_B, R_B ⊗ t, p_B, R_S, p_S.
         """
-        flange = of_place(_array(setup, "T_base2_flange2"), readings.place, len(poses))
+        flange = of_place(array_of(setup, "T_base2_flange2"), readings.place, len(poses))
         m = readings.points.shape[1]
         blocks, right = [], []
         for i in range(m):
@@ -128,18 +133,14 @@ class SeenFromArm(Kind):
             )
         ]
 
-    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))
-
     def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
-        moved = readonly(T_new_base @ _array(setup, "T_base_base2"))
+        moved = readonly(T_new_base @ array_of(setup, "T_base_base2"))
         return replace(super().in_base(setup, T_new_base), T_base_base2=moved)
 
     def _sensor(self, setup: Setup, place: np.ndarray | None, count: int) -> Array:
         """Poses of the sensor in K_0 (N, 4, 4)."""
-        flange = of_place(_array(setup, "T_base2_flange2"), place, count)
-        found: Array = _array(setup, "T_base_base2") @ flange @ _array(setup, "T_flange2_sensor")
-        return found
+        flange = of_place(array_of(setup, "T_base2_flange2"), place, count)
+        return array_of(setup, "T_base_base2") @ flange @ array_of(setup, "T_flange2_sensor")
 
     def _seen(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
         """Predicted points (N, m, 3) in the sensor."""
@@ -149,12 +150,4 @@ class SeenFromArm(Kind):
     def _by_twist(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
         """∂(points)/∂(twist of the tool in the sensor's frame): (N, 3 m, 6)."""
         points = self._seen(setup, T_base_tool, place)
-        moving = np.concatenate(
-            [np.broadcast_to(np.eye(3), (*points.shape, 3)), -skew(points)], axis=-1
-        )
-        return moving.reshape(len(points), -1, 6)
-
-
-def _array(setup: Setup, name: str) -> Array:
-    found: Array = getattr(setup, name)
-    return found
+        return point_columns(points).reshape(len(points), -1, 6)

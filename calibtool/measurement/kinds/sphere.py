@@ -14,7 +14,7 @@ from calibtool.robot.se3 import Array, readonly, skew, transform_points
 if TYPE_CHECKING:
     from calibtool.measurement.setup import Setup
 
-_REFINED = 3  # of the starts
+_REFINED = 3  # number of starts that are refined
 
 
 class SphereProbe(ToolPoint):
@@ -38,8 +38,7 @@ class SphereProbe(ToolPoint):
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.values is not None
         _, distance, _, radius = _seen(setup, T_base_tool, readings.place)
-        residual: Array = np.nan_to_num(readings.values - (distance - radius)[:, None])
-        return residual
+        return np.nan_to_num(readings.values - (distance - radius)[:, None])
 
     def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         points, _, away, _ = _seen(setup, T_base_tool, place)
@@ -65,8 +64,7 @@ class SphereProbe(ToolPoint):
 
     def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         residual = self.residuals(readings, setup, T_base_tool)
-        found: Array = residual[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
-        return found
+        return residual[..., None] * _seen(setup, T_base_tool, readings.place)[2][:, None]
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
         """With the tool's point t given, |p|² − l² = 2 p·c − (|c|² − r²) is linear in c and the
@@ -110,6 +108,8 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
 
     parts: poses (k, 4, 4) and readings (k,) on every sphere.
     """
+    from scipy.linalg import block_diag
+
     shared, blocks, right = [], [], []
     for poses, lengths in parts:
         R, p = poses[:, :3, :3], poses[:, :3, 3]
@@ -118,7 +118,7 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
         own = [-2 * R.reshape(len(R), 9), -2 * p, one, -2 * lengths[:, None]]
         blocks.append(np.concatenate(own, axis=-1))
         right.append(lengths**2 - (p**2).sum(axis=-1))
-    A = np.concatenate([np.concatenate(shared), _block_diagonal(blocks)], axis=-1)
+    A = np.concatenate([np.concatenate(shared), block_diag(*blocks)], axis=-1)
     solved: Array = np.linalg.lstsq(A, np.concatenate(right), rcond=1e-9)[0]
     return solved[None, :3]
 
@@ -126,16 +126,6 @@ def _linear_target(parts: list[tuple[Array, Array]]) -> Array:
 def _spheres(setup: Setup) -> Array:
     assert setup.spheres is not None
     return setup.spheres
-
-
-def _block_diagonal(blocks: list[Array]) -> Array:
-    """Blocks (k_g, c) along the diagonal."""
-    rows, columns = [len(block) for block in blocks], blocks[0].shape[1]
-    whole = np.zeros((sum(rows), columns * len(blocks)))
-    for g, block in enumerate(blocks):
-        first = sum(rows[:g])
-        whole[first : first + rows[g], columns * g : columns * (g + 1)] = block
-    return whole
 
 
 def _round(setup: Setup) -> np.ndarray:
