@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -15,11 +15,11 @@ from calibtool.equivalent.training import TrainingReport
 from calibtool.errormodel.family import Context
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import InputError
+from calibtool.errors import InputError, check_choice
 from calibtool.identification.identification import Identification
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
-from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.mechanism import Mechanism, joint_rows
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
@@ -145,8 +145,9 @@ class Calibration:
         poses least (`taught`).
 
         Returns itself where both frames are determined. Raises InputError for networks with virtual
-        joints, which are fixed in the tool frame of the training.
+        joints, which are fixed in the tool frame of the training, UsageError for another name.
         """
+        check_choice(name, get_args(FrameName), "frame")
         if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
             return self
         if self.networks and self.equivalent.virtual_joints:
@@ -215,6 +216,7 @@ class Calibration:
         if q.ndim == 1:
             pose: Array = self.forward(q[None], conditions)[0]
             return pose
+        q = joint_rows(q, self.robot.n)
         if self.network is None:
             return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]
