@@ -189,7 +189,9 @@ def check_drift(
     if again:
         free = flat(linearised(measurements, setup, pose, of_base, bool(setup.free_names))[0])
     own, sizes, _ = np.linalg.svd(free, full_matrices=False)
-    own = own[:, sizes > 1e-9 * sizes.max(initial=0.0)]  # directions that the set-up takes up
+    own = np.asarray(
+        own[:, sizes > 1e-9 * sizes.max(initial=0.0)], dtype=float
+    )  # directions that the set-up takes up
     A = flat(columns)[:, :known]
     A = A - own @ (own.T @ A)
     unsure = _CAUTION * A @ posterior.covariance[:known, :known] @ A.T
