@@ -200,7 +200,7 @@ def check_drift(
     expected = float(np.trace(covariance) - posterior.noise_factor**2 * nuisance) / len(r)
     covariance = covariance + _ANYWHERE**2 * free @ free.T
     half = _root(covariance, r)
-    z = np.linalg.solve(half, r)
+    z: Array = np.asarray(np.linalg.solve(half, r), dtype=float)
     whole = float(z @ z)
     robot = calibration.robot
     names = [f"{'slide' if p else 'joint'} {j + 1}" for j, p in enumerate(robot.prismatic)]
