@@ -315,6 +315,7 @@ def test_a_row_with_another_rows_joints(fanuc: Robot) -> None:
     q[[8, 9]] = q[[9, 8]]
     found = check_measurements(damaged(clean, q=q))
     assert named(found, "rows_out_of_place").numbers["rows"] == [9, 10]
+    assert "rows 9, 10 do not belong" in str(named(found, "rows_out_of_place"))
 
 
 @pytest.mark.parametrize(("row", "joint", "degrees"), [(7, 3, 10.0), (20, 4, -15.0)])

@@ -155,8 +155,9 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     rows = np.setdiff1d(np.arange(len(measurements)), kept)
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
+    those = f"row {listed(rows)} does" if len(rows) == 1 else f"rows {listed(rows)} do"
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points "
+        f"{those} not belong to the others: the nominal robot fits the points "
         f"to {_mm(before.rms)} rms, "
         f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
     )
