@@ -20,6 +20,7 @@ from calibtool.identification.comparison import best_model
 from calibtool.identification.equations import normal_equations
 from calibtool.identification.evidence import inverse, widened
 from calibtool.identification.fitting import CONVERGED, Fit, fit
+from calibtool.identification.held_out_regions import held_out_factors
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.left_out import left_out_variance
 from calibtool.identification.model_choice import chosen_fit, offered
@@ -192,7 +193,9 @@ def _identification(
             noise_factor=fitted.noise_factor,
             effective=fitted.effective,
             log_evidence=float(log_evidence),
-            residual_factors=readonly(_residual_factors(measurements, fitted)),
+            residual_factors=readonly(
+                held_out_factors(measurements, fitted, _residual_factors(measurements, fitted))
+            ),
             left_out=readonly(left_out),
         ),
         flagged=flagged,

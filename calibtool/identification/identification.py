@@ -27,9 +27,9 @@ class Posterior:
                   measurements
     left_out      (p,) variance that sections left out of the model add to that of every parameter
                   (SI), not to that of poses: see `left_out_variance`
-    residual_factors  (2,) standard deviation of the residuals of a coordinate over the stated
-                  noise, lengths and angles apart: the real noise and what the model does not
-                  describe; 1 for a kind of coordinate that was not measured
+    residual_factors  (2,) standard deviation of a coordinate of new rows over the stated noise,
+                  lengths and angles apart: the real noise and what the model does not describe,
+                  see `held_out_factors`; 1 for a kind of coordinate that was not measured
     """
 
     parameters: Parameters

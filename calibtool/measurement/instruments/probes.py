@@ -38,7 +38,7 @@ def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -
             height = at[:, 2]
             if cell.gauge is not None:  # half of them on the block
                 height = height - cell.gauge * (np.arange(len(at)) % 2)
-            used: np.ndarray = (np.abs(at[:, :2]) < _EDGE / 2).all(axis=-1)
+            used = np.abs(at[:, :2]).max(axis=-1) < _EDGE / 2
             return height, np.broadcast_to(T[:3, 2], at.shape), used
 
         every = cell.robot.n >= 6
