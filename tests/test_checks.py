@@ -491,3 +491,17 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
         "share_of_read"
     ]
     assert abs(share) < 0.3
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_list_of_targets_without_names_is_told(fanuc: Robot, count: int) -> None:
+    """One point per row, k rows with the same joints; rows measured again are no such list."""
+    seen = simulate(fanuc, Simulation(seed=3, configurations=20))
+    q = np.repeat(seen.q, count, axis=0)
+    points = seen.points[:, :count].reshape(-1, 1, 3)
+    listed = Measurements.from_points(fanuc, q, points)
+    told = named(check_measurements(listed), "nominal_robot")
+    assert f"{count} rows each repeat their joints" in str(told)
+    assert "P1_T1" in str(told)
+    again = Measurements.from_points(fanuc, q[::-1], np.repeat(seen.points[:, :1], count, axis=0))
+    assert "repeat their joints" not in " ".join(map(str, check_measurements(again)))

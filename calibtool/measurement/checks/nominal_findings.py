@@ -23,6 +23,7 @@ _SUSPICIOUS, _AT_LEAST = (
     5e-3,
 )
 _GROSS = 3e-2  # the same, when nothing that was tried explains it
+_TARGETS_APART = 5e-3  # m: further apart than one target that was measured again
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows tried without
 _ALIKE = 1.5  # explanations nearer to each other than this are named together
@@ -119,9 +120,32 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     message = (
         f"the nominal robot fits the points to {_mm(before)} rms only; check the robot, its "
         "zero positions, the joint "
-        "columns with their units and signs, and that rows of joints and of points belong together"
+        f"columns with their units and signs, and that rows of joints and of points belong together"
+        f"{_list_of_targets(measurements)}"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
+
+
+def _list_of_targets(measurements: Measurements) -> str:
+    """What explains one point per row where the joints repeat, k rows each, and the points do not;
+    the end of a message.
+    """
+    q, points = measurements.q, measurements.points
+    if points.shape[1] != 1 or measurements.setup.kind.id != "points":
+        return ""
+    starts = np.flatnonzero(np.r_[True, (np.diff(q, axis=0) != 0).any(axis=1), True])
+    runs = np.diff(starts)
+    k = int(runs.max())
+    if k < 2 or np.mean(runs == k) < 0.9:
+        return ""
+    steps = np.linalg.norm(np.diff(points[:, 0], axis=0), axis=-1)
+    within = np.delete(steps, starts[1:-1] - 1)
+    if np.nanmedian(within) < _TARGETS_APART:
+        return ""
+    return (
+        f"; {k} rows each repeat their joints: where they are {k} targets of one configuration, "
+        "name them in a column (P1_T1, P1_T2 …)"
+    )
 
 
 def _spread(measurements: Measurements) -> float:
