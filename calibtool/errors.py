@@ -6,6 +6,7 @@ A message is one line: place, what is wrong, remedy.
 from collections.abc import Iterable
 from difflib import get_close_matches
 from math import inf
+from numbers import Integral
 
 _BEGINNING = 2  # number of characters by which the beginning of a name is recognised
 
@@ -82,6 +83,13 @@ def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
     names = list(allowed)
     if value not in names:
         raise UsageError(f"{what}: unknown '{value}'; {near_names(str(value), names)}")
+
+
+def check_whole(value: int, what: str, least: int) -> None:
+    """UsageError unless value is a whole number of at least `least`."""
+    if not isinstance(value, Integral):
+        raise UsageError(f"{what}: {value!r} is no whole number")
+    check_number(int(value), what, least)
 
 
 def check_number(value: float, what: str, least: float, below: float = inf) -> None:

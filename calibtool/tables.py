@@ -19,6 +19,11 @@ _DELIMITERS = ("\t", ";", ",")
 
 
 _NUMBER = re.compile(r"[+-]?\d+[.,]\d+(?:[eE][+-]?\d+)?|[+-]?\d{5,}", re.ASCII)  # no column's name
+_DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[,.' \u00a0\u202f’]\d{3})+(?:[.,]\d+)?", re.ASCII)
+_WITH_UNIT = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?\s*(?:[a-zA-Zµ]{1,4}|°|\"|'')")
+_NOTHING = ("", "-", "--", "n/a", "#n/a", "na", "nan", "none", "null", "missing", "x")
 _BLOCK = 20_000  # rows whose cells exist as text objects at one time
 _FORMULA = re.compile(r"[\t\r ]*(?:[=@]|[+-](?![\d.,]*(?:[eE][+-]?\d+)?\s*$))", re.ASCII)
 LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
@@ -50,6 +55,8 @@ class Lines(Sequence[list[str]]):
         LARGEST.
         """
         lines = self._lines[rows]
+        if decimal == self._delimiter:  # only in quotes
+            return None
         if decimal != ".":
             lines = [line.replace(decimal, ".") for line in lines]
         delimiter = None if self._delimiter == " " else self._delimiter
@@ -146,10 +153,12 @@ class Table:
             if not there.all():
                 cells = [row for row, present in zip(cells, there, strict=True) if present]
             rows = start + np.flatnonzero(there)
-            values[rows] = self._converted(cells, columns, rows)
+            values[rows] = self._converted(cells, columns, rows, optional)
         return values
 
-    def _converted(self, cells: list[list[str]], columns: Sequence[str], rows: np.ndarray) -> Array:
+    def _converted(
+        self, cells: list[list[str]], columns: Sequence[str], rows: np.ndarray, optional: bool
+    ) -> Array:
         points = (
             [[cell.replace(self.decimal, ".") for cell in row] for row in cells]
             if self.decimal != "."
@@ -164,7 +173,7 @@ class Table:
             or not (np.abs(values) < LARGEST).all()
             or any("_" in cell for row in cells for cell in row)
         ):
-            raise self._bad_cell(cells, points, columns, rows)
+            raise self._bad_cell(cells, points, columns, rows, optional)
         return values
 
     def _bad_cell(
@@ -173,6 +182,7 @@ class Table:
         points: list[list[str]],
         columns: Sequence[str],
         rows: np.ndarray,
+        optional: bool,
     ) -> InputError:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
@@ -180,9 +190,36 @@ class Table:
                     holds = f"holds '{text}'" if text.strip() else "is empty"
                     return InputError(
                         f"{self.place(int(rows[row]))}: column '{column}' {holds}; "
-                        "expected a number"
+                        f"expected a number{_remedy(text, columns, optional)}"
                     )
         return InputError(f"{self.name}: a cell is not a number")
+
+
+def _remedy(text: str, columns: Sequence[str], optional: bool) -> str:
+    """What to do with a cell that is no number, as the end of a message."""
+    if text.strip("'").lower() in _NOTHING:
+        if not optional:
+            return ""
+        return f": where nothing was seen, leave all of {', '.join(columns)} empty"
+    if _DECIMAL_COMMA.fullmatch(text):
+        return " with a decimal point and no separators of thousands"
+    if _GROUPED.fullmatch(text):
+        return " without separators of thousands"
+    if _WITH_UNIT.fullmatch(text):
+        return ": write the unit into the header"
+    return ""
+
+
+def _quoted_decimals(lines: Iterable[str], delimiter: str) -> bool:
+    """Whether numbers have decimal commas in quotes between commas: `"12,5","-0,75"`.
+
+    Never where a number has a decimal point, or where all of them may be thousands: `"1,234"`.
+    """
+    cells = [cell for row in split_lines(lines, delimiter) for cell in row]
+    if any(_DECIMAL_POINT.fullmatch(cell) for cell in cells):
+        return False
+    commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
+    return any(not _GROUPED.fullmatch(cell) for cell in commas)
 
 
 def parse_table(
@@ -192,8 +229,8 @@ def parse_table(
     mark is dropped.
 
     delimiter: found in the header (tab, semicolon, comma, otherwise blanks) unless given. decimal:
-    '.' or ','; a comma is recognised only where it is not the delimiter. Raises InputError for an
-    empty table, a repeated column or a row of another length.
+    '.' or ','; a comma is recognised where it is not the delimiter, or where numbers with it stand
+    in quotes. Raises InputError for an empty table, a repeated column or a row of another length.
     """
     return next(read_tables(text_lines(text), name, delimiter, decimal))
 
@@ -250,7 +287,10 @@ def read_tables(
                 continue
             numbers, kept = [number for number, _, _ in part], [text for _, text, _ in part]
         if decimal is None:
-            decimal = "," if delimiter != "," and any("," in text for text in kept) else "."
+            commas = any("," in text for text in kept)
+            if delimiter == ",":
+                commas = any('"' in text for text in kept) and _quoted_decimals(kept, delimiter)
+            decimal = "," if commas else "."
         empty = False
         yield Table(name, header, Lines(kept, delimiter), numbers, delimiter, decimal, header_line)
     if empty:

@@ -315,6 +315,7 @@ def test_a_row_with_another_rows_joints(fanuc: Robot) -> None:
     q[[8, 9]] = q[[9, 8]]
     found = check_measurements(damaged(clean, q=q))
     assert named(found, "rows_out_of_place").numbers["rows"] == [9, 10]
+    assert "rows 9, 10 do not belong" in str(named(found, "rows_out_of_place"))
 
 
 @pytest.mark.parametrize(("row", "joint", "degrees"), [(7, 3, 10.0), (20, 4, -15.0)])
@@ -490,3 +491,17 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
         "share_of_read"
     ]
     assert abs(share) < 0.3
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_list_of_targets_without_names_is_told(fanuc: Robot, count: int) -> None:
+    """One point per row, k rows with the same joints; rows measured again are no such list."""
+    seen = simulate(fanuc, Simulation(seed=3, configurations=20))
+    q = np.repeat(seen.q, count, axis=0)
+    points = seen.points[:, :count].reshape(-1, 1, 3)
+    listed = Measurements.from_points(fanuc, q, points)
+    told = named(check_measurements(listed), "nominal_robot")
+    assert f"{count} rows each repeat their joints" in str(told)
+    assert "P1_T1" in str(told)
+    again = Measurements.from_points(fanuc, q[::-1], np.repeat(seen.points[:, :1], count, axis=0))
+    assert "repeat their joints" not in " ".join(map(str, check_measurements(again)))

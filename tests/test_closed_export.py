@@ -20,8 +20,13 @@ from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError, NoSolutionError
+from calibtool.export.as_dh import calibration_as_dh
 from calibtool.export.as_json import calibration_as_json
+from calibtool.export.as_kuka_machine import calibration_as_kuka_machine
+from calibtool.export.as_offsets import calibration_as_offsets
+from calibtool.export.as_ur_yaml import calibration_as_ur_yaml
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.closed_loop_network import Taught
@@ -236,3 +241,37 @@ def test_a_frame_of_a_loop_without_a_fixed_joint_is_refused() -> None:
     other = replace(robot, source=replace(robot.source, urdf_text=urdf))
     with pytest.raises(InputError, match="frame 'rod12_end' of a loop has no fixed joint"):
         calibration_as_urdf(replace(calibration, robot=other))
+
+
+# --- Geometries ---
+
+
+@pytest.mark.parametrize("name", ["fivebar", "prs3", "palletizer"])
+def test_joint_offsets_of_closed_loops_are_recovered(name: str) -> None:
+    """A calibration whose only errors are offsets of the motors: they are what is written."""
+    found = identify(simulate(load_robot(name), Simulation(configurations=20)), "nominal")
+    robot, rng = found.robot, np.random.default_rng(4)
+    offsets = rng.normal(size=robot.n) * 1e-3
+    having = RobotErrors.of(robot, offsets=offsets)
+    text, missing = calibration_as_offsets(
+        replace(found, base=replace(found.base, errors=having)), "serial"
+    )
+    table = [line.split(",") for line in text.splitlines() if line[0].isdigit()]
+    unit = np.where(robot.prismatic, 1e-3, np.pi / 180)
+    np.testing.assert_allclose([float(row[1]) for row in table] * unit, offsets, atol=1e-7)
+    assert missing == []
+    assert len(table) == robot.n
+
+
+@pytest.mark.parametrize("name", ["fivebar", "hexapod", "palletizer"])
+def test_formats_of_serial_arms_refuse_closed_loops(name: str) -> None:
+    """A table of a chain through the actuated joints alone would be another robot."""
+    nominal = identify(simulate(load_robot(name), Simulation(configurations=20)), "nominal")
+    for written in (
+        lambda: calibration_as_dh(nominal, "standard"),
+        lambda: calibration_as_dh(nominal, "modified"),
+        lambda: calibration_as_ur_yaml(nominal),
+        lambda: calibration_as_kuka_machine(nominal),
+    ):
+        with pytest.raises(InputError, match=f"{name}: .* closed loops; export it as urdf"):
+            written()

@@ -5,17 +5,22 @@ history grows by whole lines.
 import json
 import threading
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibtool.calibration import Calibration, identify
+from calibtool.calibration import Calibration, identify, moved_setup
+from calibtool.calibration.fit import BaseOptions
 from calibtool.cli.history import append, entries
 from calibtool.errors import InputError
+from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.drift import check_drift
 from calibtool.evaluation.plots.history_figure import draw_history
+from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
@@ -96,6 +101,91 @@ def test_the_expected_residual_is_that_of_an_unchanged_arm(
     residual = np.sqrt(np.mean([each.residual**2 for each in found]))
     expected = np.sqrt(np.mean([each.expected**2 for each in found]))
     assert residual == pytest.approx(expected, rel=0.15)
+
+
+# --- an instrument that was moved ---
+
+FAST = BaseOptions(
+    "complete", CompleteOptions(orders={"harmonics": 0, "gravity": 0, "backlash": 0})
+)
+OTHERS = [("distance", 3), ("board", 1), ("contact", 2), ("corners", 1)]
+
+
+@cache
+def seen_by(instrument: str, places: int) -> tuple[Measurements, Calibration]:
+    """Measurements of an arm, with a tracker at an unknown place or by others, and their fit."""
+    by = Simulation(
+        seed=1, configurations=40, instrument=instrument, places=places, unregistered=True
+    )
+    first = simulate(load_robot("ur5"), by)
+    return first, identify(first, FAST)
+
+
+def elsewhere(instrument: str, places: int, slip: float = 0.0) -> Measurements:
+    """Rows of the same arm with the instrument in another place; joint 3 slipped, unknown."""
+    first, _ = seen_by(instrument, places)
+    by = Simulation(
+        seed=4,
+        configurations=15,
+        instrument=instrument,
+        places=places,
+        same_robot=first.truth,
+        unregistered=True,
+    )
+    rows = simulate(first.robot, by)
+    if instrument == "points":
+        moved = exp6(np.array([0.6, -0.4, 0.2, 0.1, -0.3, 0.9]))
+        rows = replace(rows, points=readonly(transform_points(moved, rows.points)))
+    shown = rows.q - slip * np.eye(6)[2]
+    found = replace(rows, q=readonly(shown), truth=None)
+    return replace(found, setup=register(found))
+
+
+@pytest.mark.parametrize(("instrument", "places"), [("points", 1), *OTHERS])
+def test_an_instrument_elsewhere_is_no_drift_with_its_place_refitted(
+    instrument: str, places: int
+) -> None:
+    """And a joint that has slipped by 1 mrad is seen all the same."""
+    _, calibration = seen_by(instrument, places)
+    same = check_drift(calibration, elsewhere(instrument, places), refit_setup=True)
+    assert not same.alarm
+    assert 0.5 < same.residual / same.expected < 1.5
+    slipped = check_drift(calibration, elsewhere(instrument, places, 1e-3), refit_setup=True)
+    assert slipped.alarm
+
+
+@pytest.mark.parametrize(("instrument", "places"), [("points", 1), *OTHERS])
+def test_an_instrument_elsewhere_is_noticed(instrument: str, places: int) -> None:
+    """Rows of the calibration itself, and of an arm whose joint has slipped, are not elsewhere."""
+    first, calibration = seen_by(instrument, places)
+    line = moved_setup(calibration, elsewhere(instrument, places))
+    assert line is not None
+    assert "--refit-setup" in line
+    assert moved_setup(calibration, replace(first, truth=None)) is None
+    slipped = replace(first, q=readonly(first.q - 1e-3 * np.eye(6)[2]), truth=None)
+    assert moved_setup(calibration, slipped) is None
+
+
+def test_what_a_camera_would_have_behind_it_is_no_number() -> None:
+    _, calibration = seen_by("corners", 1)
+    rows = elsewhere("corners", 1)
+    with pytest.raises(InputError, match="cannot be seen in the set-up"):
+        check_drift(calibration, rows)
+    with pytest.raises(InputError, match="cannot be seen in the set-up"):
+        evaluate([("c", calibration)], rows)
+
+
+def test_poses_of_a_second_arm_belong_to_the_rows() -> None:
+    """Its rows need no new set-up: nominal and corrected errors are those of the same place."""
+    first, calibration = seen_by("second-arm", 1)
+    by = Simulation(seed=4, configurations=15, instrument="second-arm", same_robot=first.truth)
+    rows = simulate(first.robot, by)
+    there, again = (
+        evaluate([("c", calibration)], rows, refit_setup=refit) for refit in (False, True)
+    )
+    assert there["c"].position.mean < 0.3 * there["nominal"].position.mean
+    assert there["nominal"].position.mean < 3 * again["nominal"].position.mean
+    assert not check_drift(calibration, rows).alarm
 
 
 def test_a_model_without_uncertainty_is_refused(first: Measurements) -> None:

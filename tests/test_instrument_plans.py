@@ -1,15 +1,17 @@
 """Plans for instruments: rows in which the tool is seen, better than random ones; programs."""
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from program_reading import reader
 
-from calibtool.errors import UsageError
+from calibtool.errors import NoSolutionError, UsageError
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.kinds.projection import project
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints, wrapped
 from calibtool.planning.information import Knowledge
@@ -21,7 +23,9 @@ from calibtool.programs.motion_flow import follow
 from calibtool.programs.point_list import point_list
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import inverse, transform_points
+from calibtool.robot.se3 import Array, inverse, transform_points
+
+Forward = Callable[[Array], Array]
 
 ARM = load_robot("ur5")
 FULL = ARM.workspace("full")
@@ -193,3 +197,61 @@ def test_programs_that_cannot_be_written_are_refused(fanuc: Robot) -> None:
     for path, said in (("a.src", "7 joints; KRL"), ("a.script", "six revolute joints")):
         with pytest.raises(UsageError, match=said):
             point_list(path, panda, np.zeros((1, 7)))
+
+
+# --- arms of fewer than six joints ---
+
+FEW = ["scara", "planar-3r", "prs3", "delta", "gantry"]
+
+
+def apart(setup: Setup, q: Array, place: np.ndarray | None, forward: Forward) -> Array:
+    """Distances (N,) of the tip from the true planes or spheres, m."""
+    tips = transform_points(forward(q), setup.targets)[:, 0]
+    own = np.zeros(len(q), dtype=int) if place is None else place
+    if setup.planes is not None:
+        return np.einsum("ij,ij->i", setup.planes[own, :3], tips) - setup.planes[own, 3]
+    assert setup.spheres is not None
+    away = np.linalg.norm(tips - setup.spheres[own, :3], axis=-1)
+    return away - setup.spheres[own, 3]
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("kind", ["plane", "sphere"])
+@pytest.mark.parametrize("name", FEW)
+def test_a_probe_touches_with_few_joints(name: str, kind: str, seed: int) -> None:
+    """The actual tip, in every place, within the limits; rows of a plan touch with the nominal."""
+    robot = load_robot(name)
+    by = Simulation(seed=seed, configurations=30, instrument=kind, places=2, noise=1e-6)
+    rows = simulate(robot, by)
+    assert rows.truth is not None
+    setup, actual = rows.truth.setup, rows.truth.actual
+    np.testing.assert_allclose(apart(setup, rows.q, rows.place, actual.forward), 0, atol=1e-5)
+    assert robot.within_limits(rows.q).all()
+    assert rows.place is not None
+    assert set(rows.place) == {0, 1}
+    rng = np.random.default_rng(seed)
+    there = InstrumentRows.proposed(robot, robot.workspace(), kind, 2, None, 5e-5, rng)
+    drawn = there.draw(60, rng)
+    away = apart(there.setup, drawn.q, drawn.place, robot.mechanism.forward)
+    np.testing.assert_allclose(away, 0, atol=1e-8)
+    assert robot.within_limits(drawn.q).all()
+    assert len(drawn.q) >= 20
+
+
+@pytest.mark.parametrize("kind", ["contact", "board", "camera", "corners", "second-arm"])
+@pytest.mark.parametrize("name", ["scara", "delta", "gantry"])
+def test_instruments_that_need_any_orientation_say_so(name: str, kind: str) -> None:
+    robot = load_robot(name)
+    with pytest.raises(NoSolutionError, match=f"{name}: with {robot.n} joints .* plane and sphere"):
+        simulate(robot, Simulation(configurations=20, instrument=kind))
+
+
+def test_half_of_the_contacts_are_on_the_block() -> None:
+    robot = load_robot("scara")
+    by = Simulation(seed=1, configurations=40, instrument="plane", gauge=0.05, noise=1e-6)
+    rows = simulate(robot, by)
+    assert rows.truth is not None
+    assert rows.values is not None
+    heights = apart(rows.truth.setup, rows.q, None, rows.truth.actual.forward)
+    np.testing.assert_allclose(heights, rows.values[:, 0], atol=1e-5)
+    assert 5 < (heights > 0.04).sum() < 35

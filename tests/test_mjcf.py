@@ -302,7 +302,11 @@ def test_what_is_not_read_is_refused(
     [
         (
             FOURBAR.format(cut="connect", where='anchor="0.3 0 0"').replace("actuator>", "custom>"),
-            "kinematics.actuated is missing",
+            "actuated is missing: .*robot.toml .*<position joint=.*joints: motor, knee, passive$",
+        ),
+        (
+            hexapod(sites=False).replace("<position joint", "<position body"),
+            "actuated is missing: .*robot.toml .*<position joint=.*joints: platform_.* leg1 …$",
         ),
         (
             FOURBAR.format(cut="weld", where='relpose="0.3 0.1 0 1 0 0 0"'),

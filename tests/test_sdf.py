@@ -112,7 +112,9 @@ def test_a_second_parent_closes_a_loop(tmp_path: Path) -> None:
         hinge("last", "rocker", "tcp", "0.3 0 0 0 0 0"),
     ]
     (tmp_path / "arm.sdf").write_text(LOOP.format(joints="".join(joints)))
-    with pytest.raises(InputError, match=r"kinematics\.actuated is missing"):
+    with pytest.raises(
+        InputError, match=r"actuated is missing: .*robot\.toml with .*joints: motor, "
+    ):
         load_robot(str(tmp_path / "arm.sdf"))
     (tmp_path / "robot.toml").write_text(
         'name = "loop"\ntitle = "Parallelogram"\n[kinematics]\nurdf = "arm.sdf"\n'

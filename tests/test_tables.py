@@ -440,3 +440,51 @@ def test_what_is_no_header_is_told(text: str, told: str) -> None:
 
 def test_columns_may_be_called_by_numbers() -> None:
     assert parse_table("1,2,3\n4,5,6\n", "p.csv").header == ["1", "2", "3"]
+
+
+# --- decimal commas in quotes, and what is no number ---
+
+
+@pytest.mark.parametrize("header", ["a,b,c", '"a","b","c"'])
+def test_decimal_commas_in_quotes_are_those_of_semicolons(header: str) -> None:
+    """As spreadsheets with decimal commas write them between commas, whole numbers without."""
+    values = np.array([[12.5, -0.125, 3.0], [1234.75, 2e-3, -4.0]])
+    cells = [[f"{value:g}".replace(".", ",") for value in row] for row in values]
+    quoted = [[f'"{cell}"' if "," in cell else cell for cell in row] for row in cells]
+    semicolons = parse_table("\n".join(["a;b;c", *map(";".join, cells)]), "t")
+    commas = parse_table("\n".join([header, *map(",".join, quoted)]), "t")
+    for columns in (["a", "b", "c"], ["a"], ["c", "b"]):
+        np.testing.assert_array_equal(commas.numbers(columns), semicolons.numbers(columns))
+    np.testing.assert_array_equal(commas.numbers(["a", "b", "c"]), values)
+
+
+@pytest.mark.parametrize("cells", ['"1,234","5,678"', '"1,234",5.5', '"12,5",0.25', '"-3,883.5",1'])
+def test_quoted_thousands_are_no_decimals(cells: str) -> None:
+    """All of them may be thousands, or there are decimal points as well."""
+    with pytest.raises(InputError, match=r"t:2: column 'a' .* thousands"):
+        parse_table(f"a,b\n{cells}\n", "t").numbers(["a", "b"])
+
+
+def test_a_stated_decimal_comma_does_not_join_cells() -> None:
+    table = parse_table('a,b\n1,2\n"1,5",3\n', "t", decimal=",")
+    np.testing.assert_array_equal(table.numbers(["a"]), [[1.0], [1.5]])
+    np.testing.assert_array_equal(table.numbers(["a", "b"]), [[1.0, 2.0], [1.5, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("cell", "remedy"),
+    [
+        ("n/a", "leave all of a, b empty$"),
+        ("NaN", "leave all of a, b empty$"),
+        ("", "leave all of a, b empty$"),
+        ("12.5 mm", "write the unit into the header$"),
+        ("12,5°", "write the unit into the header$"),
+        ("1'234.5", "without separators of thousands$"),
+        ("1 234,5", "without separators of thousands$"),
+        ("wrong", "expected a number$"),
+    ],
+)
+def test_a_cell_that_is_no_number_comes_with_a_remedy(cell: str, remedy: str) -> None:
+    table = parse_table(f"a;b\n1;2\n{cell};2\n", "t")
+    with pytest.raises(InputError, match=f"t:3: column 'a' .*{remedy}"):
+        table.optional_numbers(["a", "b"])

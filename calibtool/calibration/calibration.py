@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -15,13 +15,18 @@ from calibtool.equivalent.training import TrainingReport
 from calibtool.errormodel.family import Context
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import InputError
+from calibtool.errors import InputError, check_choice
 from calibtool.identification.identification import Identification
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import weighted_residuals
 from calibtool.measurement.setup import Setup
-from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.mechanism import Mechanism, joint_rows
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
+from calibtool.units import three_digits
+
+_SEEN = 1e3  # m; more is what a camera would have behind it
+_ELSEWHERE = 10.0  # times the residual in a set-up of their own: the instrument was moved
 
 
 @dataclass(frozen=True)
@@ -145,8 +150,9 @@ class Calibration:
         poses least (`taught`).
 
         Returns itself where both frames are determined. Raises InputError for networks with virtual
-        joints, which are fixed in the tool frame of the training.
+        joints, which are fixed in the tool frame of the training, UsageError for another name.
         """
+        check_choice(name, get_args(FrameName), "frame")
         if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
             return self
         if self.networks and self.equivalent.virtual_joints:
@@ -214,6 +220,7 @@ class Calibration:
         if q.ndim == 1:
             pose: Array = self.forward(q[None], conditions)[0]
             return pose
+        q = joint_rows(q, self.robot.n)
         if self.network is None:
             return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]
@@ -235,22 +242,24 @@ class Calibration:
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:
     """Set-up in which a calibration predicts the observations of these measurements.
 
-    It is that of the measurements if known, otherwise that of the calibration. Raises InputError
-    when the calibration was made with other targets.
+    It is that of the measurements if known, otherwise that of the calibration, with what every file
+    states itself (poses of a second arm). Raises InputError when the calibration was made with
+    other targets or places.
     """
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.setup, measurements.setup
     if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
-            "the calibration was made with other targets than these measurements; evaluate with "
-            "--refit-setup"
+            "the calibration was made with other targets than these measurements; --refit-setup "
+            "finds theirs in these rows"
         )
+    setup = setup.with_read_parts(other)
     shapes = [(setup.arrays[name].shape, other.arrays[name].shape) for name in setup.kind.arrays]
     if setup.places != other.places or any(one != another for one, another in shapes):
         raise InputError(
             "the calibration was made in another set-up (stations, placements, boards, wires) than "
-            "these measurements; evaluate with --refit-setup"
+            "these measurements; --refit-setup finds theirs in these rows"
         )
     return setup
 
@@ -268,3 +277,30 @@ def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
         raise InputError(
             f"{place_a} is for '{a.name}', but {place_b} for '{b.name}': the kinematics differ"
         )
+
+
+def moved_setup(calibration: Calibration, measurements: Measurements) -> str | None:
+    """A line where the instrument clearly stands elsewhere than in the calibration; else None.
+
+    The rows fit an own set-up with the nominal robot ten times as well as the calibration's with
+    the calibrated one. An arm that has drifted by some mm does not do that.
+    """
+    if measurements.setup.known:
+        return None
+    nominal = calibration.robot.mechanism.forward(measurements.q)
+    setup = fitting_setup(calibration, measurements)
+    pose = calibration.forward(measurements.q, measurements.conditions)
+    with np.errstate(over="ignore"):
+        own, there = (
+            float(np.sqrt((weighted_residuals(measurements, at, poses) ** 2).mean()))
+            for at, poses in ((measurements.setup, nominal), (setup, pose))
+        )
+    if not there > _ELSEWHERE * max(own, 1.0):
+        return None
+    own, there = own * measurements.noise_position, there * measurements.noise_position
+    far = f"{three_digits(there * 1e3)} mm rms off" if there < _SEEN else "not seen"
+    return (
+        f"in the set-up of the calibration the rows are {far}, in one of their own "
+        f"{three_digits(own * 1e3)} mm off: where the instrument or what it measures was moved, "
+        "--refit-setup"
+    )

@@ -138,7 +138,8 @@ def compensate(
     if report is not None:
         check_output(report, force, suffixes=(".csv",))
         if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
-            raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
+            name = "stdout" if report == STREAM else report
+            raise UsageError(f"{name}: is the output, too; give another file for --report")
     one_stdin(calibration, targets, programs.frames, programs.controller, *others)
     programs.check()
     from calibtool.calibration.frame_report import frame_report
@@ -277,6 +278,11 @@ def compensate_rows(
         message(line, important=True)
     if report.others:
         message(f"… and {report.others} more rows; see the column status", important=True)
+    if report.both:
+        message(
+            f"note: {name}: joints and poses in every row: the poses are corrected, the joints "
+            "choose the branch"
+        )
     message(bounds)
     if options.backlash and calibration.base.errors["backlash"].any():
         message(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from calibtool.cli.files import message
 from calibtool.cli.options import EXACT, CompensationMethod, FrameOption, Outside, check_solving
 from calibtool.errors import AcceptanceError
 
@@ -75,10 +76,14 @@ class Judging:
         before: "Measurements | None",
     ) -> "Evaluation":
         """The calibrations side by side on the measurements. before: those of --before."""
+        from calibtool.calibration import moved_setup
         from calibtool.compensation.solve import Method
         from calibtool.compensation.targets import OutsidePolicy
         from calibtool.evaluation.compare import evaluate
 
+        for name, calibration in [] if self.refit_setup else named:
+            if line := moved_setup(calibration, measurements):
+                message(f"warning: {name}: {line}")
         return evaluate(
             named,
             measurements,

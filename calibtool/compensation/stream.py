@@ -87,6 +87,7 @@ class StreamReport:
     in_full                rows that are fully corrected
     remaining_position     largest error of these under the calibrated model, m
     remaining_orientation  the same, rad
+    both                   whether rows hold joints beside poses, which then choose the branch
     """
 
     listed: int = 10
@@ -97,6 +98,7 @@ class StreamReport:
     in_full: int = 0
     remaining_position: float = 0.0
     remaining_orientation: float = 0.0
+    both: bool = False
 
     @property
     def full(self) -> bool:
@@ -233,6 +235,7 @@ class _Corrector:
         poses = poses_from_header(table)
         if poses is None and joints is None:
             raise no_targets(table)
+        self.report.both = poses is not None and joints is not None
         for column in _ADDED:
             if column in table.header:
                 raise InputError(

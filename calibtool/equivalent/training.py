@@ -20,7 +20,7 @@ from calibtool.equivalent.optimisers import (
 )
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.regressors import REGRESSORS
-from calibtool.errors import UsageError, check_choice, check_number
+from calibtool.errors import UsageError, check_choice, check_number, check_whole
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
@@ -78,9 +78,9 @@ class TrainingOptions:
             raise UsageError("early stopping trains a network; a Gaussian process takes bayes")
         check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
         check_number(self.validation, "validation part", 0, below=1)
-        check_number(self.restarts, "restarts", 1)
-        check_number(self.folds, "folds", 2)
-        check_number(self.seed, "seed", 0)
+        check_whole(self.restarts, "restarts", 1)
+        check_whole(self.folds, "folds", 2)
+        check_whole(self.seed, "seed", 0)
 
     def resolved(self, base_model: str) -> "TrainingOptions":
         """The same with the regularisation that None stands for on a base model of this name."""

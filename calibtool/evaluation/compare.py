@@ -13,7 +13,7 @@ from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
 from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import NoSolutionError, UsageError, check_choice
+from calibtool.errors import InputError, NoSolutionError, UsageError, check_choice
 from calibtool.evaluation.metrics import MethodErrors, MethodResult, pose_statistics, summary
 from calibtool.evaluation.observed import errors_against, point_errors
 from calibtool.evaluation.pose_test import PoseTest, pose_test, repeated_poses
@@ -24,6 +24,7 @@ from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array, inverse, log6, pose_difference, transform_points
 
+_BEHIND = 1e4  # m: so far away is what a camera would have to see behind it
 _UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 
 Kind = Literal["compensated", "predicted", "measured"]
@@ -361,4 +362,11 @@ def _predicted(
         setup = fitting_setup(calibration, measurements)
     else:
         setup = measurements.setup if first is None else first.nominal_setup
-    return errors_against(name, measurements, setup, pose)
+        setup = setup.with_read_parts(measurements.setup)
+    errors = errors_against(name, measurements, setup, pose)
+    if np.abs(errors.position).max(initial=0.0) > _BEHIND:
+        raise InputError(
+            "the measurements cannot be seen in the set-up of the calibration; where the "
+            "instrument was moved, --refit-setup finds its place in these rows"
+        )
+    return errors

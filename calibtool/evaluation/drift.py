@@ -2,14 +2,18 @@
 of false alarms, and the one cause that explains the difference best.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.errors import InputError
+from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import linearised, weights
+from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, adjoint
 from calibtool.units import three_digits
 
@@ -137,8 +141,11 @@ def check_drift(
     cause is that of the largest evidence, for changes of about 0.2 mm and 0.2 mrad of base or tool,
     or 1 mrad of a joint; base, tool, and all joints together have equal prior probability.
 
-    refit_setup: the instrument was moved, so that the base is not judged. Raises InputError
-    for a calibration without a posterior, and for another robot or other targets.
+    refit_setup: the instrument was moved. Its place is registered again on these rows, so that the
+    base is not judged; with other instruments than trackers and 6-D probes, their part of the tool
+    is registered, too, and the tool is not judged either. Raises InputError for a calibration
+    without a posterior, for another robot or other targets, and for rows that cannot be seen in the
+    set-up of the calibration; NoSolutionError where too few rows register the set-up.
     """
     from scipy.special import fdtrc
 
@@ -150,14 +157,24 @@ def check_drift(
             "--model complete"
         )
     as_fitted = calibration.in_frame("fitted") if calibration.frame is not None else calibration
-    setup = fitting_setup(as_fitted, measurements)
     q, conditions = measurements.q, measurements.conditions
     pose = as_fitted.forward(q, conditions)
     context = as_fitted.base.errors.context(q, conditions)
+    again = refit_setup and not measurements.setup.known
+    of_tool = isinstance(measurements.setup.kind, InstrumentKind)  # a tool side of its own
+    if again:
+        setup = _placed_again(as_fitted, measurements, pose)
+        as_in_fit = replace(setup, targets_known=as_fitted.setup.targets_known)
+    else:
+        setup = as_in_fit = fitting_setup(as_fitted, measurements)
     parameters = posterior.parameters
     columns, residual = linearised(
-        measurements, setup, pose, parameters.pose_columns(context), bool(parameters.targets)
+        measurements, as_in_fit, pose, parameters.pose_columns(context), bool(parameters.targets)
     )
+    known = len(posterior.covariance)
+    if again:  # the rest is free
+        known -= len(parameters.targets)
+        known += as_fitted.setup.kind.coordinates(setup) * (of_tool and not as_in_fit.targets_known)
     kept = (weights(measurements) > 0).ravel()
     r = residual.ravel()[kept]
 
@@ -167,23 +184,32 @@ def check_drift(
     def seen(twists: Array) -> Array:
         return flat(linearised(measurements, setup, pose, twists, False)[0])
 
-    A = flat(columns)
-    unsure = _CAUTION * A @ posterior.covariance @ A.T
+    free = np.zeros((len(r), 0))
+    of_base = np.broadcast_to(np.eye(6), (len(q), 6, 6))
+    if again:
+        free = flat(linearised(measurements, setup, pose, of_base, bool(setup.free_names))[0])
+    own, sizes, _ = np.linalg.svd(free, full_matrices=False)
+    own = np.asarray(
+        own[:, sizes > 1e-9 * sizes.max(initial=0.0)], dtype=float
+    )  # directions that the set-up takes up
+    A = flat(columns)[:, :known]
+    A = A - own @ (own.T @ A)
+    unsure = _CAUTION * A @ posterior.covariance[:known, :known] @ A.T
     covariance: Array = posterior.noise_factor**2 * np.eye(len(r)) + unsure
-    expected = float(np.trace(covariance)) / len(r)
-    base = seen(np.broadcast_to(np.eye(6), (len(q), 6, 6)))
-    if refit_setup:
-        covariance = covariance + _ANYWHERE**2 * base @ base.T
-    half = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-    z = np.linalg.solve(half, r)
-    whole, nuisance = float(z @ z), 6 if refit_setup else 0
+    nuisance = own.shape[1]
+    expected = float(np.trace(covariance) - posterior.noise_factor**2 * nuisance) / len(r)
+    covariance = covariance + _ANYWHERE**2 * free @ free.T
+    half = _root(covariance, r)
+    z: Array = np.asarray(np.linalg.solve(half, r), dtype=float)
+    whole = float(z @ z)
     robot = calibration.robot
     names = [f"{'slide' if p else 'joint'} {j + 1}" for j, p in enumerate(robot.prismatic)]
     joints = seen(context.offset_columns)[:, : robot.n]
     candidates = {name: joints[:, j : j + 1] for j, name in enumerate(names)}
-    candidates["tool"] = seen(adjoint(pose))
-    if not refit_setup:
-        candidates["base"] = base
+    if of_tool or not again:
+        candidates["tool"] = seen(adjoint(pose))
+    if not again:
+        candidates["base"] = seen(of_base)
     rows = calibration.configurations * setup.kind.coordinates(setup)
     freedom = max(rows - posterior.effective, 1.0)
 
@@ -228,6 +254,27 @@ def check_drift(
         false_alarm=false_alarm,
         causes=tuple(causes),
         likely=alike,
+    )
+
+
+def _placed_again(calibration: Calibration, measurements: Measurements, pose: Array) -> Setup:
+    """The set-up registered on these rows, with the calibration's targets where they are points."""
+    setup, mine = measurements.setup, calibration.setup
+    if isinstance(setup.kind, InstrumentKind) and len(mine.targets) == len(setup.targets):
+        setup = replace(
+            setup, targets=mine.targets, R_tool_sensor=mine.R_tool_sensor, targets_known=True
+        )
+    return register(replace(measurements, setup=setup), pose)
+
+
+def _root(covariance: Array, residual: Array) -> Array:
+    """Cholesky root; InputError where residuals and columns of the set-up are no numbers."""
+    if np.isfinite(residual).all() and np.isfinite(covariance).all():
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(covariance), dtype=float)
+    raise InputError(
+        "the measurements cannot be seen in the set-up of the calibration; where the instrument "
+        "was moved, --refit-setup"
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.export.unrepresented_parts import not_held
-from calibtool.export.urdf_geometry import urdf_geometry
+from calibtool.export.urdf_geometry import check_without_loops, urdf_geometry
 from calibtool.robot.denavit_hartenberg import DhConvention, DhRow, DhTable
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
@@ -20,8 +20,9 @@ def calibration_as_dh(calibration: Calibration, convention: DhConvention) -> tup
 
     The joint origins are those of `urdf_geometry`. A table with the rows `base` and `tool` holds
     any of them, except the tilt of axes that are parallel to 1e-7 rad. Each line of the list names
-    a part that is lost, with its size.
+    a part that is lost, with its size. Raises InputError for a robot with closed loops.
     """
+    check_without_loops(calibration.robot, "a table of DH parameters")
     robot, geometry = calibration.robot, urdf_geometry(calibration)
     missing = list(not_held(calibration, geometry))
     placements = placements_between_z(geometry.mechanism.placements, robot.chain.twists)

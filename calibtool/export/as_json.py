@@ -14,7 +14,7 @@ from calibtool.errormodel.family import Rows
 from calibtool.errors import UsageError
 from calibtool.export.closed_json import closed_calibration_as_json
 from calibtool.export.formula import FORMULA
-from calibtool.export.rendering import LARGEST_POSITION
+from calibtool.export.rendering import LARGEST_POSITION, check_words
 from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.gravity_torque import link_masses
@@ -47,6 +47,7 @@ def calibration_as_json(calibration: Calibration, joint_values: JointValues = "s
     `formula`. A float is written with as many digits as reading back exactly the same one requires;
     the same calibration gives the same text. joint_values: the kind of the joint values q and q_m.
     """
+    check_words(joint_values)
     robot, equivalent = calibration.robot, calibration.equivalent
     if robot.chain.tree is not None:
         if robot.coupled:

@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
 from calibtool.export.unrepresented_parts import all_together
-from calibtool.export.urdf_geometry import fit_configurations
+from calibtool.export.urdf_geometry import check_without_loops, fit_configurations
 from calibtool.robot.kuka_machine import AXES, SIGNS, MachineData
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, relative_error
@@ -49,6 +49,7 @@ def calibration_as_kuka_machine(calibration: Calibration) -> tuple[str, list[str
 
 def _drawing(robot: Robot) -> Array:
     """The parameters of the nominal robot, (28,): m and rad, see `_forward`."""
+    check_without_loops(robot, "KUKA's machine data")
     if robot.n != 6 or any(robot.prismatic):
         raise InputError(f"{robot.name}: KUKA's machine data are for six revolute joints")
     frames = robot.mechanism.frames(np.zeros((1, 6)))

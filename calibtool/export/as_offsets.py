@@ -18,8 +18,8 @@ def calibration_as_offsets(calibration: Calibration, values: JointValues) -> tup
     robot, basis = calibration.robot, joint_basis(calibration.robot)
     geometry = urdf_geometry(calibration, basis)
     missing = list(not_held(calibration, geometry, basis))
-    twists = robot.chain.twists
-    serial = np.einsum("ij,ij->i", geometry["placements"][:-1], twists)
+    n, twists = robot.n, robot.chain.twists
+    serial = np.einsum("ij,ij->i", geometry["placements"][:n], twists[:n])
     offsets = robot.serial_as(values, serial[None])[0]
     lines = [
         f"# Joint offsets of {robot.name}, calibrated: a joint shown at q stands at q + offset.",

@@ -9,7 +9,7 @@ from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
 from calibtool.export.closed_loop_network import Taught
 from calibtool.export.layers import layers
-from calibtool.export.rendering import Precision, left_out
+from calibtool.export.rendering import Precision, check_words, left_out
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import readonly
 
@@ -28,6 +28,7 @@ def calibration_as_onnx(
     corrected joints. Raises InputError when there is no network, UsageError when the package `onnx`
     is not installed.
     """
+    check_words(joint_values, precision)
     robot, loops = calibration.robot, calibration.robot.chain.tree is not None
     network = layers(_taught(calibration) if loops else calibration.network)
     if network is None:

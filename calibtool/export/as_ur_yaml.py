@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
 from calibtool.export.unrepresented_parts import not_held
-from calibtool.export.urdf_geometry import full_basis, urdf_geometry
+from calibtool.export.urdf_geometry import check_without_loops, full_basis, urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.ur_frames import FRAMES
 from calibtool.robot.urdf_text import roll_pitch_yaw
@@ -44,6 +44,7 @@ def calibration_as_ur_yaml(calibration: Calibration) -> tuple[str, list[str]]:
 
 
 def _check(robot: Robot) -> None:
+    check_without_loops(robot, "the YAML of the UR driver")
     if robot.n != len(FRAMES) or any(robot.prismatic):
         raise InputError(
             f"{robot.name}: the YAML of the UR driver is for an arm with six revolute joints"

@@ -7,7 +7,15 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.closed_loop_code import taught_c, taught_values
-from calibtool.export.rendering import LINE, Precision, compensator_values, digits, render, wrapped
+from calibtool.export.rendering import (
+    LINE,
+    Precision,
+    check_words,
+    compensator_values,
+    digits,
+    render,
+    wrapped,
+)
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
@@ -30,10 +38,11 @@ def calibration_as_c(
     `prefix` is no C identifier, or `header_name` has other characters than ASCII letters, digits,
     spaces and `_ . + -`.
     """
+    check_words(joint_values, precision)
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", prefix):
         raise UsageError(
             f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, "
-            "no digit first"
+            "no digit first (--prefix NAME)"
         )
     header_name = header_name or f"{prefix}.h"
     if not re.fullmatch(r"[A-Za-z0-9_.+ -]+", header_name):

@@ -3,7 +3,7 @@
 import re
 import textwrap
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,9 +16,9 @@ from calibtool.errormodel.bending import directions
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import printable
+from calibtool.errors import check_choice, printable
 from calibtool.export.layers import layers
-from calibtool.robot.coupling import JointValues, coupling_text
+from calibtool.robot.coupling import JointValues, check_joint_values, coupling_text
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
@@ -83,6 +83,12 @@ def _escaped(value: Any, escape: Callable[[str], str]) -> Any:
     if isinstance(value, dict):
         return {_escaped(key, escape): _escaped(one, escape) for key, one in value.items()}
     return [_escaped(one, escape) for one in value] if isinstance(value, list) else value
+
+
+def check_words(joint_values: str, precision: str = "double") -> None:
+    """UsageError for a kind of joint values or a precision that does not exist."""
+    check_joint_values(joint_values)
+    check_choice(precision, get_args(Precision), "precision")
 
 
 def digits(value: float, precision: Precision) -> str:

@@ -12,6 +12,7 @@ from calibtool.export.closed_loop_code import taught_values
 from calibtool.export.rendering import (
     Code,
     Precision,
+    check_words,
     compensator_values,
     digits,
     render,
@@ -49,11 +50,12 @@ def calibration_as_structured_text(
     variables. Plain ASCII. joint_values: the kind of the joint values q and q_corrected. Raises
     UsageError when `name` is no identifier of IEC 61131-3.
     """
+    check_words(joint_values, precision)
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
         raise UsageError(
             f"'{name}' cannot be the name of a function block; use letters, digits and single _, "
-            "no reserved word"
+            "no reserved word (--prefix NAME)"
         )
     loops = calibration.robot.chain.tree is not None
     values = {

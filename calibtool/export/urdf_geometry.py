@@ -8,6 +8,7 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
+from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
@@ -52,6 +53,14 @@ def fit_configurations(calibration: Calibration) -> Array:
     return np.concatenate([_sample(calibration, 2 * _SAMPLE)[:_SAMPLE], as_many])
 
 
+def check_without_loops(robot: Robot, what: str) -> None:
+    """Raises InputError for a robot with closed loops, of which `what` can hold no geometry."""
+    if robot.chain.tree is not None:
+        raise InputError(
+            f"{robot.name}: {what} cannot hold closed loops; export it as urdf, json, c or st"
+        )
+
+
 def full_basis(robot: Robot) -> Array:
     """Every placement error, each by its tolerance: (6n+6, 6n+6), more with loops; m and rad."""
     tolerances = Tolerances.of_robot(robot)
@@ -60,12 +69,14 @@ def full_basis(robot: Robot) -> Array:
 
 
 def joint_basis(robot: Robot) -> Array:
-    """Joint offsets δq alone, each by its tolerance: (6n+6, n).
+    """Joint offsets δq alone, each by its tolerance: (6n+6, n), more rows with loops.
 
-    They are placement errors, too: M exp6(ξ δq) exp6(ξ q) = M exp6(ξ (q + δq)).
+    They are placement errors, too: M exp6(ξ δq) exp6(ξ q) = M exp6(ξ (q + δq)). Actuated joints
+    are the first n of a robot with loops.
     """
-    tolerances, basis = Tolerances.of_robot(robot), np.zeros((6 * robot.n + 6, robot.n))
-    for j, twist in enumerate(robot.chain.twists):
+    tolerances = Tolerances.of_robot(robot)
+    basis = np.zeros((6 * len(robot.chain.placements), robot.n))
+    for j, twist in enumerate(robot.chain.twists[: robot.n]):
         size = tolerances.length if robot.prismatic[j] else tolerances.angle
         basis[6 * j : 6 * j + 6, j] = twist * size
     return basis

@@ -73,6 +73,8 @@ class Measurements:
             raise InputError(
                 f"measurements: points have shape {self.points.shape}, expected {shape}"
             )
+        if not np.isfinite(self.setup.targets).all():
+            raise InputError("measurements: a coordinate of the targets on the tool is not finite")
         whole = np.isfinite(self.points).all(axis=-1) | np.isnan(self.points).all(axis=-1)
         if not whole.all() or (
             self.rotations is not None and not np.isfinite(self.rotations).all()

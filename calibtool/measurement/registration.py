@@ -19,6 +19,7 @@ from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.units import count_of
 
 _MINIMA = 4  # number of minima of the rotation search that are refined
 _ITERATIONS = 200
@@ -57,8 +58,9 @@ def register(
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
-            f"registration: {len(measurements)} configurations give {equations} equations for "
-            f"{unknowns} unknowns of instrument frame and targets; measure more configurations"
+            f"registration: {count_of(len(measurements), 'configuration')} give"
+            f"{'s' * (len(measurements) == 1)} {equations} equations for {unknowns} unknowns of "
+            "instrument frame and targets; measure more configurations"
         )
     refined = [
         refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)

@@ -95,6 +95,12 @@ class Setup:
         """Names of the free elements beside the first frame: target1.x …, sensor.rx …, base2.x …"""
         return self.kind.names(self)
 
+    def with_read_parts(self, read: "Setup") -> "Setup":
+        """The same with the poses of a second arm, which are read with the rows of `read`."""
+        if self.kind.id != "second-arm" or read.kind is not self.kind:
+            return self
+        return replace(self, T_base2_flange2=read.T_base2_flange2, places=read.places)
+
     @property
     def arrays(self) -> dict[str, Array]:
         """Arrays of the tool beside the targets that this kind has, by name, such as (3, 3)."""

@@ -3,10 +3,17 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.operating_conditions import Conditions
-from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
+from calibtool.errors import (
+    InputError,
+    NoSolutionError,
+    check_choice,
+    check_number,
+    check_whole,
+)
 from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
@@ -51,7 +58,7 @@ class Simulation:
     scales: ErrorScales = field(default_factory=ErrorScales)
     noise: float = 0.05e-3
     unregistered: bool = False
-    at: Array | None = None
+    at: ArrayLike | None = None
     same_robot: Truth | None = None
     payload_kg: tuple[float, float] | None = None
     temperature_c: tuple[float, float] | None = None
@@ -60,10 +67,10 @@ class Simulation:
     gauge: float | None = None
 
     def __post_init__(self) -> None:
-        check_number(self.seed, "seed", 0)
-        check_number(self.configurations, "configurations", 1)
+        check_whole(self.seed, "seed", 0)
+        check_whole(self.configurations, "configurations", 1)
         check_number(self.noise, "noise", 0)
-        check_number(self.places, "places", 1)
+        check_whole(self.places, "places", 1)
         check_number(1.0 if self.gauge is None else self.gauge, "gauge", 1e-3)
         check_choice(self.instrument, ("points", *INSTRUMENTS), "instrument")
 
@@ -97,7 +104,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     if simulation.instrument != "points":
         return _by_instrument(robot, simulation, truth.actual, configuration_rng)
     if simulation.at is not None:
-        q = simulation.at
+        q = np.asarray(simulation.at, dtype=float)
         robot.check_positions(q, "configurations")
     else:
         q = _sampled(robot, simulation, truth.actual, configuration_rng)

@@ -15,6 +15,7 @@ from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.instruments import INSTRUMENTS, Cell
+from calibtool.measurement.instruments.cell import brought
 from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.kinds.kind import Readings, of_place
 from calibtool.measurement.measurements import Measurements
@@ -115,20 +116,23 @@ class InstrumentRows:
             return Rows(q, rng.integers(len(self.setup.places), size=count) if one else None)
         i, j = self._pairs(count, rng)
         own = self.rows.take(i)
-        touched = kind.id in ("plane", "sphere", "points")
-        poses = self._touching(i, j, rng) if touched else self._in_view(i, j, rng)
         robot = self.robot
-        solved = solve_poses(
-            robot.mechanism.forward_and_jacobian,
-            poses,
-            own.q,
-            length=robot.length,
-            lower=robot.lower,
-            upper=robot.upper,
-            tolerance=1e-9,
-        )
-        good = solved.reached & robot.within_limits(solved.q)
-        found = Rows(solved.q, own.place, self._touched(i)).take(good)
+        if robot.n < 6 and kind.id in ("plane", "sphere"):
+            q, good = self._brought(i, j, rng)
+        else:
+            touched = kind.id in ("plane", "sphere", "points")
+            solved = solve_poses(
+                robot.mechanism.forward_and_jacobian,
+                self._touching(i, j, rng) if touched else self._in_view(i, j, rng),
+                own.q,
+                length=robot.length,
+                lower=robot.lower,
+                upper=robot.upper,
+                tolerance=1e-9,
+            )
+            q, good = solved.q, solved.reached
+        good &= robot.within_limits(q)
+        found = Rows(q, own.place, self._touched(i)).take(good)
         seen = kind.sees(self.setup, robot.mechanism.forward(found.q), found.place)
         if good.sum() < 0.02 * count or not seen.any():
             raise NoSolutionError(
@@ -165,6 +169,34 @@ class InstrumentRows:
         first = np.searchsorted(place[order], place[i])
         many = np.bincount(place)[place[i]]
         return i, order[first + (rng.random(count) * many).astype(int)]
+
+    def _brought(
+        self, i: np.ndarray, j: np.ndarray, rng: np.random.Generator
+    ) -> tuple[Array, np.ndarray]:
+        """Joint positions (k, n) between those of rows i and j that touch what these touched, and
+        which of them do: for arms that cannot take every orientation.
+        """
+        setup, robot, count = self.setup, self.robot, len(i)
+        place = None if self.rows.place is None else self.rows.place[i]
+        touched = self._touched(i)
+        read = np.zeros(count) if touched is None else touched[:, 0]
+
+        def gap(points: Array) -> tuple[Array, Array, np.ndarray]:
+            every = np.ones(count, dtype=bool)
+            if setup.planes is not None:
+                planes = of_place(setup.planes, place, count)
+                height = (points * planes[:, :3]).sum(axis=-1) - planes[:, 3]
+                return height - read, planes[:, :3], every
+            assert setup.spheres is not None
+            spheres = of_place(setup.spheres, place, count)
+            away = points - spheres[:, :3]
+            distance = np.linalg.norm(away, axis=-1)
+            normal = away / np.maximum(distance, 1e-12)[:, None]
+            return distance - spheres[:, 3] - read, normal, every
+
+        part = rng.random((count, 1))
+        between = part * self.rows.q[i] + (1 - part) * self.rows.q[j]
+        return brought(robot, robot.mechanism, between, setup.targets[0], gap)
 
     def _touching(self, i: np.ndarray, j: np.ndarray, rng: np.random.Generator) -> Array:
         """Poses of the tool (k, 4, 4) with its tip between those of rows i and j."""

@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 
-from calibtool.errors import check_choice, check_number
+from calibtool.errors import check_choice, check_whole
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.constraints import (
     Candidates,
@@ -161,8 +161,8 @@ def make_plan(
     few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
-    check_number(count, "configurations", 1)
-    check_number(candidates, "candidates", count)
+    check_whole(count, "configurations", 1)
+    check_whole(candidates, "candidates", count)
     robot, targets = knowledge.robot, knowledge.state.setup.targets
     workspace = robot.workspace(workspace)
     drawn = draw_candidates(

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from calibtool.calibration import Calibration
-from calibtool.errors import InputError
+from calibtool.errors import InputError, UsageError
 from calibtool.programs.branches import Controller
 from calibtool.programs.correction import Correction, ProgramOptions
 from calibtool.programs.formats import coupling_of, read_program
@@ -75,6 +75,8 @@ def compensate_texts(
 
 
 def _source(name: str, data: bytes, edited: bool) -> ProgramText:
+    if not isinstance(data, bytes):
+        raise UsageError(f"{name}: a program is bytes; read the file as bytes, or encode the text")
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
     return ProgramText(name, data.decode("latin-1"), edited)

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 
@@ -13,9 +14,9 @@ from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
-from calibtool.compensation.targets import OutsidePolicy, guarded
+from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.weighted_error import Weights
-from calibtool.errors import CalibtoolError, InputError, NoSolutionError
+from calibtool.errors import CalibtoolError, InputError, NoSolutionError, check_choice
 from calibtool.programs.agreement import AS_FRAME, SEED, Position, half_circles, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
@@ -26,7 +27,7 @@ from calibtool.programs.nominal_joints import NominalJoints, nominal_joints
 from calibtool.programs.numbers import Remark
 from calibtool.programs.program_summary import CompensatedProgram, Fate
 from calibtool.programs.writing import NewPositions, Writing, remark_of
-from calibtool.robot.coupling import JointValues, coupling_text
+from calibtool.robot.coupling import JointValues, check_joint_values, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
@@ -61,6 +62,14 @@ class ProgramOptions:
     ignore_external: bool = False
     largest_change: float | None = None
     weights: Weights | None = None
+
+    def __post_init__(self) -> None:
+        """UsageError for a word that is no choice."""
+        check_choice(self.method, get_args(Method), "method")
+        check_choice(self.outside, OUTSIDE_POLICIES, "outside")
+        check_choice(self.on_error, ON_ERROR, "on_error")
+        if self.joint_values is not None:
+            check_joint_values(self.joint_values)
 
 
 _Failure = type[CalibtoolError]

@@ -6,10 +6,11 @@ from typing import Protocol
 
 import numpy as np
 
+from calibtool.errors import check_choice
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
 from calibtool.programs.motions import Program, ProgramText
 from calibtool.programs.numbers import BYTE_ORDER_MARK
-from calibtool.robot.coupling import JointValues
+from calibtool.robot.coupling import JointValues, check_joint_values
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -42,6 +43,7 @@ _HEAD = 65536  # number of characters from which the format is recognised
 
 def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of a program in the language called `name`."""
+    check_choice(name, PROGRAM_FORMATS, "program format")
     program: Program = _MODULES[name].program(sources, robot)
     return program
 
@@ -51,8 +53,10 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
     `controller`: C of the language for this robot, otherwise that of the robot's description.
     `serial`: the identity. None: `controller` for languages that define a coupling, `serial` for
-    the others.
+    the others. UsageError for another word.
     """
+    if joint_values is not None:
+        check_joint_values(joint_values)
     module = _MODULES[name]
     own = getattr(module, "coupling", None)
     if joint_values == "serial" or (joint_values is None and own is None):

@@ -13,7 +13,7 @@ import pinocchio as pin
 from calibtool.robot.closure import Closure, closure
 from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
 from calibtool.robot.loops import Tree
-from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
+from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, joint_rows, poses_of
 from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
 from calibtool.robot.singularity import at_point
@@ -193,7 +193,7 @@ class ClosedMechanism(Mechanism):
 
     def _parts(self, q: Array) -> Iterator[tuple[slice, Closing]]:
         """Rows some at a time, closed: from the nearest start at once, or in steps."""
-        starts = self.starts()
+        starts, q = self.starts(), joint_rows(q, self.tree.n)
         for first in range(0, max(len(q), 1), _TOGETHER):
             rows = slice(first, min(first + _TOGETHER, len(q)))
             numbers = np.arange(rows.start, rows.stop)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, UsageError, check_choice
 from calibtool.robot.description import Description
 from calibtool.robot.se3 import Array, readonly
 
@@ -71,9 +71,11 @@ def settled_values(coupling: Array, place: str, *stated: JointValues | None) -> 
 
     coupling (n, n) as in `coupling_matrix`. Nothing needs to be stated where both kinds are equal.
     Raises UsageError with `place` where they differ and nothing is stated, or where header and
-    option contradict each other.
+    option contradict each other, and for a word that is no kind.
     """
     words = [word for word in stated if word is not None]
+    for word in words:
+        check_joint_values(word)
     if np.array_equal(coupling, np.eye(len(coupling))):
         return words[0] if words else "serial"
     if not words:
@@ -88,6 +90,11 @@ def settled_values(coupling: Array, place: str, *stated: JointValues | None) -> 
             f"says {words[1]}"
         )
     return words[0]
+
+
+def check_joint_values(values: str) -> None:
+    """UsageError unless `values` is a kind of joint values."""
+    check_choice(values, JOINT_VALUES, "joint values")
 
 
 def _factor(value: float) -> str:

@@ -7,9 +7,22 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from calibtool.errors import InputError
 from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, readonly, translation
+
+
+def joint_rows(q: ArrayLike, n: int) -> Array:
+    """Joint positions as an array (N, n) of floats; InputError for another shape."""
+    rows = np.asarray(q, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] != n:
+        raise InputError(
+            f"joint positions have shape {rows.shape}; expected (N, {n}): a row of {n} joints for "
+            "each configuration"
+        )
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +180,7 @@ class Mechanism:
 
     def configuration(self, q: Array) -> Array:
         """Coordinates of `model` for joint positions q (N, n) in rad or m: (N, nq)."""
-        moved: Array = q + self.offsets
+        moved: Array = joint_rows(q, len(self.offsets)) + self.offsets
         if self._rates is not None:
             return moved * self._rates
         parts = [screw.coordinates(moved[:, j]) for j, screw in enumerate(self.screws)]

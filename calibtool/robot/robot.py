@@ -11,7 +11,12 @@ from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.chain import NO_LIMITS, SerialChain
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closed_chain import ClosedChain, chain_of
-from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
+from calibtool.robot.coupling import (
+    JointValues,
+    check_joint_values,
+    coupling_matrix,
+    settled_values,
+)
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.singularity import (
@@ -169,10 +174,12 @@ class Robot:
 
     def serial_from(self, values: JointValues, q: Array) -> Array:
         """Joint positions of the serial chain from values of either kind, (N, n)."""
+        check_joint_values(values)
         return self.to_serial(q) if values == "controller" else q
 
     def serial_as(self, values: JointValues, q: Array) -> Array:
         """Joint positions of the serial chain as values of either kind, (N, n)."""
+        check_joint_values(values)
         return self.to_controller(q) if values == "controller" else q
 
     def joint_values(self, place: str, *stated: JointValues | None) -> JointValues:

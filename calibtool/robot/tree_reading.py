@@ -15,6 +15,8 @@ from calibtool.robot.source import Source
 from calibtool.robot.tree import urdf_tree
 from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joints
 
+_NAMED = 12  # joints in a message
+
 
 @dataclass(frozen=True, eq=False)
 class TreeReading:
@@ -155,10 +157,14 @@ def _actuated_first(
     place, given = source.place, source.description.kinematics.actuated
     if given is None:
         if source.description.kinematics.loops:
-            raise InputError(
-                f"{place}: kinematics.actuated is missing: name the joints that have a motor, in "
-                "their order"
-            )
+            joints = [names[j] for j in used if names[j] not in mimics]
+            of = f"{', '.join(joints[:_NAMED])}{' …' * (len(joints) > _NAMED)}"
+            remedy = "name the joints that have a motor, in their order"
+            if assumed := source.description.assumed:
+                remedy += ", in a robot.toml with urdf = this file and its loops"
+                if "MJCF" in assumed:
+                    remedy += ', or give each an actuator here (<position joint="…"/>)'
+            raise InputError(f"{place}: kinematics.actuated is missing: {remedy}; joints: {of}")
         n = sum(names[j] not in mimics for j in used)
         return sorted(used, key=lambda j: (names[j] in mimics, j)), n
     for k, joint in enumerate(given):

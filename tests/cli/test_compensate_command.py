@@ -389,3 +389,15 @@ def test_joint_values_of_a_controller(files: Files) -> None:
         2, "compensate", files.six_network, "serial.csv", "--joint-values", "controler"
     )
     assert "--joint-values: unknown 'controler'; did you mean controller" in message
+
+
+@pytest.mark.parametrize("form", ["quaternion", "roll pitch yaw"])
+def test_joints_beside_poses_choose_the_branch_and_it_is_said(files: Files, form: str) -> None:
+    """Joints of another branch of the same poses give corrected joints of that branch."""
+    T = poses_of_angles()[:2]
+    columns = {name: [str(row[k]) for row in ANGLES[:2]] for k, name in enumerate(SIX)}
+    beside = run("compensate", files.six_network, pose_table("both.csv", T, form, **columns))
+    assert "both.csv: joints and poses in every row: the poses are corrected" in beside.stderr
+    alone = run("compensate", files.six_network, pose_table("alone.csv", T, form), *SERIAL)
+    assert "joints and poses" not in alone.stderr
+    assert np.abs(joints_of(beside.stdout, SIX) - ANGLES[:2]).max() < 1.0

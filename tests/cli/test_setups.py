@@ -34,7 +34,7 @@ def test_a_station_for_every_label() -> None:
     Path("moved.csv").write_text("\n".join([text[0], *text[30:], *text[1:10]]))  # B, then A
     run("import", "moved.csv", *UR10, "-o", "a.h5")
     message = refused(3, "evaluate", "c.h5", "--on", "a.h5")
-    assert "evaluate with --refit-setup" in message
+    assert "--refit-setup finds theirs in these rows" in message
     judged = answer("evaluate", "c.h5", "--on", "a.h5", "--refit-setup")["methods"]
     assert judged[1]["position_mm"]["rms"] < 0.5 * judged[0]["position_mm"]["rms"]
 

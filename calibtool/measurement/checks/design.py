@@ -68,6 +68,9 @@ def _still(q: Array) -> Finding | None:
     message = (
         f"joint {listed(still)} never moves: errors that depend on it cannot be determined; "
         "measure with it moved"
+        if len(still) == 1
+        else f"joints {listed(still)} never move: errors that depend on them cannot be determined; "
+        "measure with them moved"
     )
     return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
 

@@ -20,6 +20,7 @@ from calibtool.robot.se3 import readonly, transform_points
 # Of the length, and m: no arm differs from its drawing by more
 _SUSPICIOUS, _AT_LEAST = 1.5e-2, 5e-3
 _GROSS = 3e-2  # of the length: the same limit where no tried mistake explains the residual
+_TARGETS_APART = 5e-3  # m: farther apart than one target that was measured again
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows with a larger residual are left out in one trial
 _ALIKE = 1.5  # explanations whose residuals differ by a smaller factor are named together
@@ -115,9 +116,32 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     message = (
         f"the nominal robot fits the points to {_mm(before)} rms only; check the robot, its "
         "zero positions, the joint "
-        "columns with their units and signs, and that rows of joints and of points belong together"
+        f"columns with their units and signs, and that rows of joints and of points belong together"
+        f"{_list_of_targets(measurements)}"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
+
+
+def _list_of_targets(measurements: Measurements) -> str:
+    """What explains one point per row where the joints repeat, k rows each, and the points do not;
+    the end of a message.
+    """
+    q, points = measurements.q, measurements.points
+    if points.shape[1] != 1 or measurements.setup.kind.id != "points":
+        return ""
+    starts = np.flatnonzero(np.r_[True, (np.diff(q, axis=0) != 0).any(axis=1), True])
+    runs = np.diff(starts)
+    k = int(runs.max())
+    if k < 2 or np.mean(runs == k) < 0.9:
+        return ""
+    steps = np.linalg.norm(np.diff(points[:, 0], axis=0), axis=-1)
+    within = np.delete(steps, starts[1:-1] - 1)
+    if np.nanmedian(within) < _TARGETS_APART:
+        return ""
+    return (
+        f"; {k} rows each repeat their joints: where they are {k} targets of one configuration, "
+        "name them in a column (P1_T1, P1_T2 …)"
+    )
 
 
 def _spread(measurements: Measurements) -> float:
@@ -151,9 +175,11 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     rows = np.setdiff1d(np.arange(len(measurements)), kept)
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
+    those = f"row {listed(rows)} does" if len(rows) == 1 else f"rows {listed(rows)} do"
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points to "
-        f"{_mm(before.rms)} rms, without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+        f"{those} not belong to the others: the nominal robot fits the points "
+        f"to {_mm(before.rms)} rms, "
+        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],

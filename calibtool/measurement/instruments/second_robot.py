@@ -19,6 +19,7 @@ _TRIES = 100
 def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
     """The second arm takes a new pose for every row, such that its sensor sees the tool."""
     robot = cell.robot
+    cell.check_any_pose()
     T_base_base2 = exp6(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.5]))
     T_base_base2[:2, 3] = _APART * robot.length * np.array([0.8, 0.6])
     T_flange2_sensor = exp6(_SENSOR)
