@@ -22,7 +22,10 @@ _NUMBER = re.compile(r"[+-]?\d+[.,]\d+(?:[eE][+-]?\d+)?|[+-]?\d{5,}", re.ASCII) 
 _DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[,.' \u00a0\u202f’]\d{3})+(?:[.,]\d+)?", re.ASCII)
-_WITH_UNIT = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?\s*(?:[a-zA-Zµ]{1,4}|°|\"|'')")
+_WITH_UNIT = re.compile(
+    r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?\s*(?:[µu]?m|[mc]m|in|inch|deg|m?rad|grad|°C?|\"|'')",
+    re.IGNORECASE,
+)
 _NOTHING = ("", "-", "--", "n/a", "#n/a", "na", "nan", "none", "null", "missing", "x")
 _BLOCK = 20_000  # rows whose cells exist as text objects at one time
 _FORMULA = re.compile(r"[\t\r ]*(?:[=@]|[+-](?![\d.,]*(?:[eE][+-]?\d+)?\s*$))", re.ASCII)

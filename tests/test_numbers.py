@@ -85,7 +85,7 @@ def test_a_table_of_dh_parameters_is_a_robot(
     ("old", "new", "word"),
     [
         (",convention", "", "DH parameters do not say their convention; add a column"),
-        ("standard", "craig", "convention 'craig'; expected standard or modified"),
+        ("standard", "paul", "convention 'paul'; expected standard or modified"),
         ("\n3,", "\n4,", "table.csv:4: joint '4'; expected 3"),
         ("-550", "1_0", "table.csv:4: column 'a_mm' holds '1_0'; expected a number"),
         ("-550", "nan", "column 'a_mm' holds 'nan'"),

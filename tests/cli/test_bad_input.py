@@ -347,7 +347,10 @@ def test_an_empty_cell(files: Files) -> None:
 def test_a_bad_cell_among_the_measured_values() -> None:
     write_table("m.csv", [*PLANAR, *POINTS], [[*range(12)], [*range(9), "n/a", 10, 11]])
     message = refused(3, "import", "m.csv", "--robot", "planar-3r", "-o", "i.h5")
-    assert message == "m.csv:3: column 't3_x_mm' holds 'n/a'; expected a number"
+    assert message == (
+        "m.csv:3: column 't3_x_mm' holds 'n/a'; expected a number: where nothing was seen, leave "
+        "all of t3_x_mm, t3_y_mm, t3_z_mm empty"
+    )
 
 
 def test_empty_lines_do_not_shift_the_line_that_is_named(files: Files) -> None:
