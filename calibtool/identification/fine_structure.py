@@ -34,16 +34,18 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
     coefficients that are added (n,) in rad.
 
     At least those that the fit has, nothing new below 20 configurations, and at most two waves per
-    configuration.
+    configuration; three coordinates count as a configuration where a row has fewer, such as a
+    distance.
     """
     has = harmonic_orders(fit.parameters)
     orders, sizes = has.copy(), np.zeros(len(has))
     turning = [j for j, slides in enumerate(measurements.robot.prismatic) if not slides]
-    steps = [h for h in FINE_ORDERS if h <= min(highest, _ROWS * len(measurements))]
-    if not steps or not turning or len(measurements) < _HANDFUL:
+    count = _configurations(measurements)
+    steps = [h for h in FINE_ORDERS if h <= min(highest, _ROWS * count)]
+    if not steps or not turning or count < _HANDFUL:
         return orders, sizes
     products = _Products.of(measurements, fit)
-    few = len(measurements) <= _FEW
+    few = count <= _FEW
     # A joint with clear fine structure has a size of its own; with few rows the other joints are
     # tried together.
     for joints in (*([j] for j in turning), turning if has.max() <= LOW_ORDERS and few else []):
@@ -73,7 +75,7 @@ def paired(measurements: Measurements, fit: Fit) -> Array:
     robot, sizes = measurements.robot, np.zeros(measurements.robot.n)
     family = BY_ID["pairs"]
     free = family.free(robot, family.shape(robot.n))
-    if len(measurements) < max(free.sum(axis=1).max(initial=0), _HANDFUL):
+    if _configurations(measurements) < max(free.sum(axis=1).max(initial=0), _HANDFUL):
         return sizes
     functions = pair_functions(measurements.q)
     products = _Products.of(measurements, fit)
@@ -88,6 +90,11 @@ def paired(measurements: Measurements, fit: Fit) -> Array:
         if _expected(*products_of, std, products.squares, products.freedom) > WORTHWHILE:
             return np.zeros(robot.n)
     return sizes
+
+
+def _configurations(measurements: Measurements) -> int:
+    """Number of configurations, of at least three coordinates each."""
+    return min(len(measurements), int(measurements.equations) // 3)
 
 
 @dataclass(frozen=True, eq=False)
