@@ -4,6 +4,8 @@ A row between others is predicted better than a region near which there is no ro
 model does not describe changes slowly with the joints, so that only the second case shows it.
 """
 
+import warnings
+
 import numpy as np
 
 from calibtool.identification.equations import linearised_rows, normal_equations
@@ -78,7 +80,9 @@ def _regions(q: Array) -> list[tuple[np.ndarray, np.ndarray]]:
 
     spread = q.std(axis=0)
     scaled = (q - q.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    _, label = kmeans2(scaled, min(_REGIONS, len(q)), minit="++", rng=0)
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
+        warnings.simplefilter("ignore", UserWarning)  # a region without rows is no region
+        _, label = kmeans2(scaled, min(_REGIONS, len(q)), minit="++", rng=0)
     result = []
     for number in np.unique(label):
         region = np.flatnonzero(label == number)
