@@ -160,7 +160,7 @@ def test_a_smaller_region_leaves_out_what_it_has_to(radius: float) -> None:
     smaller = region.without(outside)
     assert not smaller.holds(outside).any()
     assert smaller.holds(q[np.linalg.norm(q, axis=-1) < 3.8 * radius]).all()
-    with pytest.raises(NoSolutionError, match="worse"):
+    with pytest.raises(NoSolutionError, match="smaller"):
         TaughtRegion(region.lower, region.upper).without(q[:1])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibtool.calibration import Calibration, identify, moved_setup
+from calibtool.calibration import Calibration, identify, moved_instrument
 from calibtool.calibration.fit import BaseOptions
 from calibtool.cli.history import append, entries
 from calibtool.errors import InputError
@@ -158,12 +158,12 @@ def test_an_instrument_elsewhere_is_no_drift_with_its_place_refitted(
 def test_an_instrument_elsewhere_is_noticed(instrument: str, places: int) -> None:
     """Rows of the calibration itself, and of an arm whose joint has slipped, are not elsewhere."""
     first, calibration = seen_by(instrument, places)
-    line = moved_setup(calibration, elsewhere(instrument, places))
+    line = moved_instrument(calibration, elsewhere(instrument, places))
     assert line is not None
     assert "--refit-setup" in line
-    assert moved_setup(calibration, replace(first, truth=None)) is None
+    assert moved_instrument(calibration, replace(first, truth=None)) is None
     slipped = replace(first, q=readonly(first.q - 1e-3 * np.eye(6)[2]), truth=None)
-    assert moved_setup(calibration, slipped) is None
+    assert moved_instrument(calibration, slipped) is None
 
 
 def test_what_a_camera_would_have_behind_it_is_no_number() -> None:

@@ -1,12 +1,8 @@
 """Calibration: a base model with networks on top, its fit, its validation and its uncertainty."""
 
-from calibtool.calibration.calibration import (
-    Calibration,
-    check_same_robot,
-    fitting_setup,
-    moved_setup,
-)
+from calibtool.calibration.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.fit import BASE_MODELS, IDENTIFIED_MODELS, identify, train
+from calibtool.calibration.moved_instrument import moved_instrument
 
 __all__ = [
     "BASE_MODELS",
@@ -15,6 +11,6 @@ __all__ = [
     "check_same_robot",
     "fitting_setup",
     "identify",
-    "moved_setup",
+    "moved_instrument",
     "train",
 ]

@@ -76,13 +76,13 @@ class Judging:
         before: "Measurements | None",
     ) -> "Evaluation":
         """The calibrations side by side on the measurements. before: those of --before."""
-        from calibtool.calibration import moved_setup
+        from calibtool.calibration import moved_instrument
         from calibtool.compensation.solve import Method
         from calibtool.compensation.targets import OutsidePolicy
         from calibtool.evaluation.compare import evaluate
 
         for name, calibration in [] if self.refit_setup else named:
-            if line := moved_setup(calibration, measurements):
+            if line := moved_instrument(calibration, measurements):
                 message(f"warning: {name}: {line}")
         return evaluate(
             named,

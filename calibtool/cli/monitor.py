@@ -58,7 +58,7 @@ def monitor(
 
     Example: calibtool monitor complete.h5 --on fresh.h5 --history drift.ndjson
     """
-    from calibtool.calibration import moved_setup
+    from calibtool.calibration import moved_instrument
     from calibtool.cli.history import append, entries
     from calibtool.evaluation.drift import check_drift
 
@@ -77,7 +77,7 @@ def monitor(
         message(f"warning: {history}: {count_of(cut, 'line')} cut off; not counted")
     loaded, _ = load_calibration(calibration)
     measurements, _ = load_measurements(on)
-    if not refit_setup and (line := moved_setup(loaded, measurements)):
+    if not refit_setup and (line := moved_instrument(loaded, measurements)):
         message(f"warning: {line}")
     found = check_drift(loaded, measurements, false_alarm=false_alarm, refit_setup=refit_setup)
     entry = {**found.as_json(), "measurements": shown(on), "date": date}

@@ -96,11 +96,13 @@ class Taught:
                 f"{LARGEST_PART * 100:g} %: {remedy}"
             )
         region = TaughtRegion.of(robot, q[known], network)
-        region = region.without(_worse(calibration, task, network, region, largest))
-        if region.holds(q).mean() < LEAST_PART:
+        worse = _worse(calibration, task, network, region, largest)
+        bounded = region.axes is not None
+        region = region.without(worse) if bounded else region
+        if (len(worse) and not bounded) or region.holds(q).mean() < LEAST_PART:
             raise NoSolutionError(
-                f"{robot.name}: near singularities, a network of {HIDDEN} nodes makes poses worse: "
-                f"{remedy}"
+                f"{robot.name}: a network of {HIDDEN} nodes makes poses in the taught range of "
+                f"the joints worse: {remedy}"
             )
         return cls(
             network=network,

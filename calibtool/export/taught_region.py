@@ -20,7 +20,6 @@ _FAR = 2.0 * MIN_SINGULARITY_DISTANCE  # how far away does not matter beyond
 _DRAWN = 4000  # configurations
 _MOST_DRAWS = 50
 _SHRUNK = 0.98  # of the radius of the nearest configuration that has to be outside
-_WORSE = "the network makes configurations of the taught range worse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +70,12 @@ class TaughtRegion:
 
     def without(self, q: Array) -> Self:
         """The region with a smaller ellipsoid, such that none of the configurations q (k, n) lies
-        in it. Raises NoSolutionError for a region without an ellipsoid."""
+        in it. Raises NoSolutionError for a region without an ellipsoid, which cannot be made
+        smaller."""
         if not len(q):
             return self
         if self.centre is None or self.axes is None:
-            raise NoSolutionError(_WORSE)
+            raise NoSolutionError("a range of joints without an ellipsoid cannot be made smaller")
         radius = _SHRUNK * np.linalg.norm((q - self.centre) @ self.axes.T, axis=-1).min()
         return replace(self, axes=self.axes / radius)
 

@@ -25,7 +25,8 @@ _TOOLS = tuple(
 # Links that are no tool: what grips, sees, or stands for a shape.
 _NO_TOOL = re.compile(
     r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|"
-    r"camera|kamera|caméra|cámara|telecamera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
+    r"camera|kamera|caméra|cámara|telecamera|cam|realsense|kinect|sensors?|depth|optical|"
+    r"rgb|color|infra|ir|laser|lidar|imu|"
     r"ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
     r"display|screw|aruco|marker|contact|sc)\b"
 )
