@@ -47,7 +47,7 @@ from calibtool.robot.se3 import Array, log3
 
 ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "palletizer-level", "hybrid")
 BAYES = TrainingOptions(regularisation="bayes")
-PLANNED, NO_MARGIN = "complete, 15 planned", "complete, 15 planned, no joint margin"
+PLANNED = "complete, 15 planned"
 RANDOM = "complete, 30 random"
 STEPS = 100  # of the way to a pose whose assembly mode is checked
 
@@ -94,16 +94,14 @@ def knowing(measured: Measurements) -> Calibration:
     return replace(calibration, base=knowing)
 
 
-def planned(
-    robot: Robot, truth: Measurements, count: int, seed: int, constraints: Constraints
-) -> Array:
+def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
     """Configurations (count, n) that the command `plan` chooses, its other options not given."""
     workspace = robot.workspace()
     plan = make_plan(
         Knowledge.of_tolerances(robot, truth.noise_position),
         workspace,
         count,
-        constraints=constraints,
+        constraints=Constraints(),
         criterion="i",
         candidates=2000,
         rng=np.random.default_rng(seed),
@@ -120,12 +118,11 @@ def reductions(robot: Robot, seed: int, fresh_rows: int, plans: bool) -> dict[st
     assert measured.truth is not None
     fresh = simulate(robot, replace(basis, configurations=fresh_rows, same_robot=measured.truth))
     fresh = fresh.rows(np.flatnonzero(correctable(fresh)))
-    sets = {PLANNED: Constraints(), NO_MARGIN: Constraints(joint_margin=0.0)}
     methods = {} if plans else {"complete, 50": identify(measured)}
-    for name, constraints in sets.items():
-        q = planned(robot, measured, 15, seed, constraints)
-        at = Simulation(seed=seed, same_robot=measured.truth, at=q)
-        methods[name] = identify(simulate(robot, at))
+    at = planned(robot, measured, 15, seed)
+    methods[PLANNED] = identify(
+        simulate(robot, Simulation(seed=seed, same_robot=measured.truth, at=at))
+    )
     methods[RANDOM] = identify(measured.rows(np.arange(30)))
     if robot.name == "hexapod" and not plans:
         methods["network on nominal"] = train(measured, "nominal", BAYES)
@@ -281,10 +278,15 @@ def print_reductions(names: list[str], which: range, fresh: int, plans: bool) ->
             ]
             print(f"| {name} | {method} | " + " | ".join(cells) + " |", flush=True)
         remains = {m: 100.0 - np.array([s[m] for s in seeds])[:, [0, 2]] for m in seeds[0]}
-        for method in (PLANNED, NO_MARGIN):
-            ratio = np.exp(np.log(remains[method] / remains[RANDOM]).mean(axis=0))
-            paired.append(f"{name}, {method}: maximum × {ratio[0]:.2f}, mean × {ratio[1]:.2f}")
-    print("\n" + "\n".join(paired))
+        logs = np.log(remains[PLANNED] / remains[RANDOM])
+        ratio = np.exp(logs.mean(axis=0))
+        error = 100 * logs.std(axis=0, ddof=1) / len(logs) ** 0.5
+        paired.append(
+            f"| {name} | × {ratio[0]:.2f} (± {error[0]:.0f} %) | "
+            f"× {ratio[1]:.2f} (± {error[1]:.0f} %) |"
+        )
+    print("\n| robot | maximum, planned / random | mean |\n|---|---|---|")
+    print("\n".join(paired))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.kinds.projection import project
 from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.planning.constraints import Constraints, wrapped
+from calibtool.planning.constraints import JOINT_MARGIN, Constraints, wrapped
 from calibtool.planning.information import Knowledge
 from calibtool.planning.instrument_rows import InstrumentRows, placed
 from calibtool.planning.plan import Plan, make_plan
@@ -69,8 +69,8 @@ def planned(kind: str) -> tuple[InstrumentRows, Plan]:
 def test_rows_keep_the_margin_and_none_is_repeated(kind: str) -> None:
     _, made = planned(kind)
     span = ARM.upper - ARM.lower
-    assert (made.q >= ARM.lower + 0.05 * span - 1e-6).all()
-    assert (made.q <= ARM.upper - 0.05 * span + 1e-6).all()
+    assert (made.q >= ARM.lower + JOINT_MARGIN * span - 1e-6).all()
+    assert (made.q <= ARM.upper - JOINT_MARGIN * span + 1e-6).all()
     assert len(np.unique(repeated_groups(made.q))) == 15
 
 

@@ -100,16 +100,19 @@ def _learned_line(calibration: Calibration, validation: CrossValidation) -> str:
 def _compared(base: Identification) -> str:
     """Why this model was chosen."""
     errors = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
-    used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
     why = {
-        "nominal": "no other model predicts held-out rows clearly better",
-        "local-poe": "it predicts held-out rows clearly better",
-        "complete": "no simpler model predicts held-out rows clearly better",
-    }
-    return (
-        f"{used[base.model]} is used: {why[base.model]} (rms in multiples of the stated noise: "
-        f"{errors})"
-    )
+        "nominal": "registration alone is used: no other model predicts held-out rows better",
+        "local-poe": "local POE is used: it predicts held-out rows clearly better",
+        "complete": "complete is used: no simpler model predicts held-out rows better",
+    }[base.model]
+    if base.posterior is not None and "geometry" in base.held_out:
+        parts = base.posterior.parameters.parts
+        if all(part.family.always for part in parts if len(part.elements)):
+            why = (
+                "geometry and joint offsets alone are used: nothing more predicts held-out rows "
+                "better"
+            )
+    return f"{why} (rms in multiples of the stated noise: {errors})"
 
 
 def _rank_lines(base: Identification) -> list[str]:

@@ -86,7 +86,7 @@ class ConstraintOptions:
             max=49,
             help="Part of each joint's range kept free at both ends.",
         ),
-    ] = 5.0
+    ] = 1.0
     min_singularity_distance: Annotated[
         float | None,
         typer.Option(min=0, help="Smallest distance from singularities (default 0.02)."),

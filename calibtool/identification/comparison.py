@@ -1,12 +1,12 @@
-"""Whether the complete model predicts held-out rows at least as well as registration alone and
-local POE; the best of the three is the result.
+"""Whether the complete model predicts held-out rows at least as well as simpler ones: registration
+alone, local POE, and geometry and joint offsets without anything beyond them.
 
 Mostly the complete model is far ahead: its generalised cross-validation is less than the squared
 residuals of the others on the very rows that they were fitted to, and nothing is fitted again.
 Otherwise the models in doubt are fitted again in folds of the rows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,24 +25,37 @@ _CLEARLY = 0.8  # of the others' squares: less needs no second fit
 _HARDLY = 3.0  # coordinates per parameter of local POE: with less one row can throw it far off
 _FEW = 3.0  # coordinates per determined parameter: the formula is too hopeful
 _MANY = 20.0  # per parameter: the formula is exact enough
-_FOLDS = 5
+# With a tenth of few rows left out, the others still determine as much as all of them
+_FOLDS = 10
+_ENOUGH = 10  # rows after which folds may end, where the complete model …
+_FAR_AHEAD, _BEYOND_DOUBT = 0.5, 3.0  # … leaves so much of the squares, by so many standard errors
 _JUDGED = 300  # rows that show the residuals of the simple models
 _FITS = 0.5  # weight of a row: what weighs less fits no model
-_SURELY = 1.0  # standard errors by which a model must predict better
+_SURELY = 1.0  # standard errors by which local POE must predict better
 _WORSE = 1.04  # of the squares: less is no reason to give up the posterior
 _BAD = 0.05  # part of the rows: more are not bad, but the complete model does not fit
+# times the mean square of a model: one row of a fold that is fitted badly counts for no more
+_TYPICAL = 2.0
 
 Model = Callable[[Measurements], Identification]
 
 
 def best_model(
-    measurements: Measurements, complete: Identification, fitted: Fit, again: Model
+    measurements: Measurements,
+    complete: Identification,
+    fitted: Fit,
+    again: Model,
+    geometry: Model,
 ) -> Identification:
-    """The complete model, or local POE where it surely predicts held-out rows better, or
-    registration alone where neither surely does; `Identification.held_out` holds the figures.
+    """The model that predicts held-out rows best; `Identification.held_out` holds the figures.
 
-    fitted: the fit of the complete model; again: the same identification of some of the rows.
-    Rows that weigh little in the fit are not judged.
+    The complete model gives way to geometry alone, which is only compared where rows are few, and
+    to registration alone, where these do not predict worse; to local POE, which has no posterior,
+    only where that surely predicts better.
+
+    fitted: the fit of the complete model; again, geometry: the identification of some of the rows,
+    as the complete one and without what goes beyond geometry and joint offsets. Rows that weigh
+    little in the fit are not judged.
     """
     fitting = np.flatnonzero(fitted.row_weight > _FITS)
     if len(fitting) < (1.0 - _BAD) * len(measurements):
@@ -58,22 +71,23 @@ def best_model(
         few = rows.rows(np.unique(np.linspace(0, len(rows) - 1, _JUDGED).astype(int)))
         simple = {name: float(_squares_after(fit, few, few).mean()) for name, fit in rivals.items()}
         rivals = {name: rivals[name] for name in rivals if expected > _CLEARLY * simple[name]}
+    else:
+        rivals["geometry"] = geometry
     if not rivals:
         return complete
-    squares = {name: _held_out(fit, rows) for name, fit in rivals.items()}
-    if coordinates > _MANY * fitted.parameters.count:
-        squares["complete"] = np.full(len(rows), expected)
-    else:
-        squares["complete"] = _held_out(again, rows)
+    formula = expected if coordinates > _MANY * fitted.parameters.count else None
+    squares = _held_out(rows, rivals, again, formula)
     if not np.isfinite(squares["complete"]).all():
         return complete  # too few rows to leave some out
     best = "complete"
-    if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best]):
+    if "geometry" in squares and not _better(squares[best], squares["geometry"], 0.0):
+        best = "geometry"
+    if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best], _SURELY):
         best = "local-poe"
-    if "nominal" in squares and not _better(squares[best], squares["nominal"]):
+    if "nominal" in squares and not _better(squares[best], squares["nominal"], 0.0):
         best = "nominal"
-    told = {name: values for name, values in squares.items() if np.isfinite(values).all()}
-    held_out = {name: float(np.sqrt(values.mean())) for name, values in told.items()}
+    finite = {name: values for name, values in squares.items() if np.isfinite(values).all()}
+    held_out = {name: float(np.sqrt(values.mean())) for name, values in finite.items()}
     shipped = complete if best == "complete" else rivals[best](rows)
     return replace(shipped, held_out=held_out, flagged=complete.flagged)
 
@@ -113,23 +127,47 @@ def _squares_after(fit: Model, rows: Measurements, judged: Measurements) -> Arra
     return np.asarray(row_squares(judged, state) / np.maximum(_coordinates(judged), 1))
 
 
-def _held_out(fit: Model, rows: Measurements) -> Array:
-    """The same of all rows (N,), every fold predicted by the others."""
-    order = np.random.default_rng(0).permutation(len(rows))
-    if rows.place is not None:  # every place in every fold
-        order = order[np.argsort(rows.place[order], kind="stable")]
-    squares = np.empty(len(rows))
-    for part in (order[k::_FOLDS] for k in range(min(_FOLDS, len(rows)))):
-        squares[part] = _squares_after(fit, rows.rows(np.setdiff1d(order, part)), rows.rows(part))
+def _held_out(
+    rows: Measurements, rivals: dict[str, Model], complete: Model, formula: float | None
+) -> dict[str, Array]:
+    """Of every model, the mean square (M,) of the coordinates of rows over the stated noise, every
+    fold predicted by the others. All rows are judged, or those of the first folds where these
+    leave no doubt. formula: the mean square of the complete model, where it need not be fitted.
+    """
+    found: dict[str, list[Array]] = {name: [] for name in (*rivals, "complete")}
+    for part, others in _folds(rows):
+        for name, fit in rivals.items():
+            found[name].append(_squares_after(fit, others, part))
+        own = np.full(len(part), formula)
+        if formula is None:
+            own = _squares_after(complete, others, part)
+        found["complete"].append(own)
+        squares = {name: np.concatenate(values) for name, values in found.items()}
+        if len(squares["complete"]) >= _ENOUGH and all(
+            _better(squares["complete"], _FAR_AHEAD * squares[name], _BEYOND_DOUBT)
+            for name in rivals
+        ):
+            break
     return squares
 
 
-def _better(squares: Array, than: Array) -> bool:
-    """Whether squares (N,) of rows are surely less than others."""
+def _folds(rows: Measurements) -> Iterator[tuple[Measurements, Measurements]]:
+    """Folds of the rows, and the other rows of each."""
+    order = np.random.default_rng(0).permutation(len(rows))
+    if rows.place is not None:  # every place in every fold
+        order = order[np.argsort(rows.place[order], kind="stable")]
+    for part in (order[k::_FOLDS] for k in range(min(_FOLDS, len(rows)))):
+        yield rows.rows(part), rows.rows(np.setdiff1d(order, part))
+
+
+def _better(squares: Array, than: Array, errors: float) -> bool:
+    """Whether squares (N,) of rows are less than others by more than some standard errors."""
     if not np.isfinite(squares).all():
         return False
-    gain = np.minimum(than, 1e300) - squares
-    return bool(gain.mean() > _SURELY * gain.std() / np.sqrt(len(gain)))
+    than = np.minimum(than, 1e300 / len(than))
+    most = _TYPICAL * than.mean()
+    gain = np.minimum(than, most) - np.minimum(squares, most)
+    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
 
 
 def _coordinates(measurements: Measurements) -> np.ndarray:

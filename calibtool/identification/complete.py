@@ -12,7 +12,7 @@ from typing import get_args
 
 import numpy as np
 
-from calibtool.errormodel.families import BY_ID
+from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, check_choice, check_number
@@ -51,7 +51,7 @@ class CompleteOptions:
                      of a joint, which may really behave differently; `squared`: all weigh the
                      same; `huber`, `cauchy`: the worse the less
     drop_flagged     leave flagged rows out of a second fit
-    compared         whether registration alone or local POE may be the result, see `best_model`;
+    compared         whether a simpler model may be the result, see `best_model`;
                      never where tolerances or orders are given
     """
 
@@ -75,14 +75,14 @@ def identify_complete(
     """Identify every error that has a tolerance, from any number of configurations.
 
     What a joint is given beyond its geometry is chosen by evidence and by held-out rows, see
-    `chosen_fit`. Where nothing of it was asked for, registration alone or local POE is the result
-    if it predicts held-out rows better, see `best_model`. Raises NoSolutionError when the
+    `chosen_fit`. Where nothing of it was asked for, a simpler model is the result if it predicts
+    held-out rows better, see `best_model`. Raises NoSolutionError when the
     iteration does not settle, InputError when a family is asked for and the measurements do not
     know what it depends on.
     """
     check_rows(measurements)
     options = CompleteOptions() if options is None else options
-    identification, fitted = _identify(measurements, options)
+    identification, fitted = _identify(measurements, options, options.orders)
     flagged = identification.flagged
     if options.drop_flagged and flagged is not None and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
@@ -90,13 +90,21 @@ def identify_complete(
         return replace(again, flagged=replace(flagged, dropped=True))
     if options.orders or options.tolerances is not None or not options.compared:
         return identification
+    geometry = {family.id: 0 for family in FAMILIES if not family.always}
     return best_model(
-        measurements, identification, fitted, lambda rows: _identify(rows, options)[0]
+        measurements,
+        identification,
+        fitted,
+        lambda rows: _identify(rows, options, {})[0],
+        lambda rows: _identify(rows, options, geometry)[0],
     )
 
 
-def _identify(measurements: Measurements, options: CompleteOptions) -> tuple[Identification, Fit]:
-    """The complete model, and its fit."""
+def _identify(
+    measurements: Measurements, options: CompleteOptions, orders: Mapping[str, int]
+) -> tuple[Identification, Fit]:
+    """The complete model with these orders of families, and its fit; all that `options` offers
+    counts for ± of the parameters."""
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
@@ -104,7 +112,7 @@ def _identify(measurements: Measurements, options: CompleteOptions) -> tuple[Ide
                 f"what it depends on ({BY_ID[family].needs}); import or simulate them again, "
                 "or leave it out"
             )
-    fitted = chosen_fit(measurements, options.orders, partial(_fit, measurements, options))
+    fitted = chosen_fit(measurements, orders, partial(_fit, measurements, options))
     flagged = _flagged(measurements, fitted)
     if flagged.cluster is not None and options.loss_function == "isolated":
         squared = replace(options, loss_function="squared")

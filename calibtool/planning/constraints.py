@@ -17,7 +17,7 @@ from calibtool.robot.se3 import Array, transform_points
 from calibtool.robot.singularity import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.workspace import Workspace
 
-JOINT_MARGIN = 0.05  # of the range of a joint, kept free at either end
+JOINT_MARGIN = 0.01  # of the range of a joint, kept free at either end
 _TOGETHER = 500  # draws at least
 _TRIES = 50  # as many times, before the plan goes on with what it has
 
