@@ -31,7 +31,12 @@ _ENOUGH = 10  # rows after which folds may end, where the complete model …
 _FAR_AHEAD, _BEYOND_DOUBT = 0.5, 3.0  # … leaves so much of the squares, by so many standard errors
 _JUDGED = 300  # rows that show the residuals of the simple models
 _FITS = 0.5  # weight of a row: what weighs less fits no model
-_SURELY = 1.0  # standard errors by which local POE must predict better
+# Standard errors by which local POE must predict better than the complete model, and that better
+# than geometry alone
+_SURELY, _MORE = 1.0, 0.5
+# Coordinates per parameter that geometry alone determines: with less, what goes beyond geometry
+# cannot be told from noise
+_HIDDEN = 2.0
 _WORSE = 1.04  # of the squares: less is no reason to give up the posterior
 _BAD = 0.05  # part of the rows: more are not bad, but the complete model does not fit
 # times the mean square of a model: one row of a fold that is fitted badly counts for no more
@@ -49,9 +54,9 @@ def best_model(
 ) -> Identification:
     """The model that predicts held-out rows best; `Identification.held_out` holds the figures.
 
-    The complete model gives way to geometry alone, which is only compared where rows are few, and
-    to registration alone, where these do not predict worse; to local POE, which has no posterior,
-    only where that surely predicts better.
+    The complete model gives way to registration alone where it does not predict better; where rows
+    are so few that geometry takes up most of what they show, to geometry alone unless it clearly
+    predicts better; to local POE, which has no posterior, only where that surely does.
 
     fitted: the fit of the complete model; again, geometry: the identification of some of the rows,
     as the complete one and without what goes beyond geometry and joint offsets. Rows that weigh
@@ -71,7 +76,7 @@ def best_model(
         few = rows.rows(np.unique(np.linspace(0, len(rows) - 1, _JUDGED).astype(int)))
         simple = {name: float(_squares_after(fit, few, few).mean()) for name, fit in rivals.items()}
         rivals = {name: rivals[name] for name in rivals if expected > _CLEARLY * simple[name]}
-    else:
+    elif coordinates < _HIDDEN * _effective(geometry, rows):
         rivals["geometry"] = geometry
     if not rivals:
         return complete
@@ -80,7 +85,7 @@ def best_model(
     if not np.isfinite(squares["complete"]).all():
         return complete  # too few rows to leave some out
     best = "complete"
-    if "geometry" in squares and not _better(squares[best], squares["geometry"], 0.0):
+    if "geometry" in squares and not _better(squares[best], squares["geometry"], _MORE):
         best = "geometry"
     if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best], _SURELY):
         best = "local-poe"
@@ -105,6 +110,15 @@ def registered(measurements: Measurements) -> Identification:
     if not np.isfinite(cost):
         raise NoSolutionError("registration does not converge")
     return nominal_model(replace(measurements, setup=setup))
+
+
+def _effective(geometry: Model, rows: Measurements) -> float:
+    """Number of parameters that these rows determine of geometry alone; 0 where it fails."""
+    try:
+        posterior = geometry(rows).posterior
+    except NoSolutionError:
+        posterior = None
+    return 0.0 if posterior is None else posterior.effective
 
 
 def _local_poe_rank(rows: Measurements) -> float:
