@@ -28,6 +28,19 @@ class Finding:
         return asdict(self)
 
 
+_ROWS_OFF = ("rows_out_of_place", "target_out_of_place", "target_order")
+
+
+def rows_off(findings: Iterable[Finding]) -> list[int]:
+    """Indices, from 0, of the rows that warnings say do not belong to the others."""
+    rows: set[int] = set()
+    for finding in findings:
+        named = finding.numbers.get("rows") if finding.name in _ROWS_OFF else None
+        if isinstance(named, list) and finding.severity == "warning":
+            rows.update(int(row) - 1 for row in named)
+    return sorted(rows)
+
+
 def listed(rows: Iterable[int], most: int = 6) -> str:
     """Numbers for people, counted from 1: `3, 4, 9 …`."""
     numbers = [str(int(row) + 1) for row in rows]

@@ -9,6 +9,7 @@ from calibtool.measurement.checks.design import equal_columns
 from calibtool.measurement.checks.finding import Finding, Numbers, listed, severity
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
+from calibtool.units import millimetres
 
 _STEP = 50.0  # squared standard errors of a change of the mean distances, summed over all pairs
 _OUTLIER = 8.0  # standard deviations of a distance from that of the rows around it
@@ -83,7 +84,7 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         largest = max(float(np.linalg.norm(shift)) for _, shift in named)
         targets = ", ".join(sorted({target for target, _ in named}))
         message = (
-            f"row {listed(rows[off])}: target {targets} is up to {largest * 1e3:.3g} mm from where "
+            f"row {listed(rows[off])}: target {targets}, up to {millimetres(largest)} from where "
             "the other targets say; measure these rows again or leave them out"
         )
         numbers = {"rows": [int(row) + 1 for row in rows[off]], "shift_mm": largest * 1e3}
@@ -99,7 +100,7 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         row, size = int(rows[at]) + 1, float(np.linalg.norm(shift))
         message = (
             f"target {target} has moved on the tool from row {row} on, by at least "
-            f"{size * 1e3:.3g} mm (its distances to the other targets change); calibrate only with "
+            f"{millimetres(size)} (its distances to the other targets change); calibrate only with "
             "the rows before, or only with the rows from there on"
         )
         numbers = {
@@ -112,8 +113,8 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     estimate = float(np.sqrt(distances.var(axis=0, ddof=1).mean() / 2))
     if estimate > 3 * noise:
         message = (
-            f"the distances between targets scatter as if the noise were {estimate * 1e3:.3g} mm "
-            f"per coordinate, but {noise * 1e3:.3g} mm are stated"
+            f"the distances between targets scatter as if the noise were {millimetres(estimate)} "
+            f"per coordinate, but {millimetres(noise)} are stated"
         )
         numbers = {"estimated_noise_mm": estimate * 1e3, "stated_noise_mm": noise * 1e3}
         found.append(Finding("noise_of_distances", "warning", message, numbers))

@@ -40,6 +40,7 @@ from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
+from calibtool.units import count_of
 
 COMPENSATED = ("status", "left_mm", "left_mrad")  # what `compensate` adds to its rows
 
@@ -227,8 +228,8 @@ def _points_and_values(table: Table, columns: ColumnMap) -> tuple[Array, Array |
         if zero.any():  # no instrument measures its own origin to the last digit
             points = np.where(zero[..., None], np.nan, points)
             warnings.append(
-                f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: "
-                f"{lines(zero)}"
+                f"{table.name}: 0, 0, 0 was taken for 'not seen' in "
+                f"{count_of(int(zero.sum()), 'place')}: {lines(zero)}"
             )
         values, seen = None, ~np.isnan(points[..., 0])
     else:
@@ -237,8 +238,8 @@ def _points_and_values(table: Table, columns: ColumnMap) -> tuple[Array, Array |
         if zero.any():
             values = np.where(zero, np.nan, values)
             warnings.append(
-                f"{table.name}: a distance of 0 was taken for 'not read' in {int(zero.sum())} "
-                f"places: {lines(zero)}"
+                f"{table.name}: a distance of 0 was taken for 'not read' in "
+                f"{count_of(int(zero.sum()), 'place')}: {lines(zero)}"
             )
         seen = np.isfinite(values)
     if not seen.any(axis=-1).all():

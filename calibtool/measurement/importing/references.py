@@ -14,7 +14,7 @@ from calibtool.measurement.reference_motion import (
     instrument_motion,
 )
 from calibtool.robot.se3 import Array, readonly
-from calibtool.units import count_of
+from calibtool.units import count_of, millimetres
 
 
 def undo_instrument_motion(
@@ -130,8 +130,8 @@ def _motion(
         else ""
     )
     return (
-        f"the reference points move by up to {shift * 1e3:.3g} mm and {turn * 1e3:.3g} mrad "
+        f"the reference points move by up to {millimetres(shift)} and {turn * 1e3:.3g} mrad "
         f"against the instrument ({readings} readings, noise {motion.noise * 1e3:.2g} mm): rows "
-        f"are brought back into the frame of the first reading, by up to {size * 1e3:.3g} mm "
+        f"are brought back into the frame of the first reading, by up to {millimetres(size)} "
         f"± {motion.deviation(seen) * 1e3:.2g} mm at the points{ends}{omitted}"
     ), motion
