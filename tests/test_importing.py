@@ -356,6 +356,12 @@ def test_a_missing_column_is_named_with_its_near_ones() -> None:
         imported(text.replace("t3_z_mm", "other"))
 
 
+def test_a_table_without_a_header_says_so_and_how_its_columns_are_called() -> None:
+    text = "\n".join(three_targets_csv(points_mm(UR5.targets)).splitlines()[1:])
+    with pytest.raises(InputError, match=r"without a header .* c1 … c15; .*--map-template"):
+        imported(text)
+
+
 def test_a_table_without_joints_or_points_states_what_it_lacks() -> None:
     with pytest.raises(InputError, match="no joint columns j1_deg"):
         imported(csv(named("t1_", np.ones((N, 3)))))
@@ -589,7 +595,8 @@ def test_a_cell_of_zeros_is_a_target_that_was_not_seen(cells: list[tuple[int, in
         spoiled[row, target] = 0.0
     found, warnings, *_ = import_table(three_targets_csv(spoiled), "table.csv", UR5)
     rows = {row for row, _ in cells}
-    assert f"'not seen' in {len(cells)} places" in warnings[0]
+    places = "1 place" if len(cells) == 1 else f"{len(cells)} places"
+    assert f"'not seen' in {places}: " in warnings[0]
     assert all(str(row + 2) in warnings[0] for row in rows)
     assert {(int(k), int(i)) for k, i in np.argwhere(~found.seen)} == set(cells)
     whole = imported(three_targets_csv(points))

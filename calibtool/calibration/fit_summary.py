@@ -105,14 +105,14 @@ def _compared(base: Identification) -> str:
     why = {
         "nominal": "registration alone is used: no other model predicts held-out rows better",
         "local-poe": "local POE is used: it predicts held-out rows clearly better",
-        "complete": "complete is used: no simpler model predicts held-out rows better",
+        "complete": "complete is used: no simpler model predicts held-out rows clearly better",
     }[base.model]
     if base.posterior is not None and "geometry" in base.held_out:
         parts = base.posterior.parameters.parts
         if all(part.family.always for part in parts if len(part.elements)):
             why = (
-                "geometry and joint offsets alone are used: nothing more predicts held-out rows "
-                "better"
+                "geometry and joint offsets alone are used: nothing else predicts held-out rows "
+                "clearly better"
             )
     return f"{why} (rms in multiples of the stated noise: {errors})"
 

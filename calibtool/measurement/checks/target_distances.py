@@ -13,6 +13,7 @@ from calibtool.units import millimetres
 
 _STEP = 50.0  # squared standard errors of a change of the mean distances, summed over all pairs
 _OUTLIER = 8.0  # standard deviations of a distance from that of the rows around it
+_MANY = 20  # rows that show how the distances scatter; with less, the stated noise counts as well
 _FLOOR = 1e-6  # m: smallest standard deviation of a distance, for exact data
 
 
@@ -78,7 +79,8 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     numbers: Numbers
 
     centre = _running_median(pairs.distances)
-    off = (np.abs(pairs.distances - centre) > _OUTLIER * pairs.scatter).any(axis=-1)
+    scatter = np.maximum(pairs.scatter, np.sqrt(2) * noise if len(rows) < _MANY else 0.0)
+    off = (np.abs(pairs.distances - centre) > _OUTLIER * scatter).any(axis=-1)
     if off.any():
         named = [pairs.moved(change) for change in (pairs.distances - centre)[off]]
         largest = max(float(np.linalg.norm(shift)) for _, shift in named)
