@@ -81,9 +81,9 @@ def train(
     Unless the options say otherwise, the regularisation is early stopping on `nominal` (the
     published method) and Bayesian on every other base. With Bayesian regularisation the networks
     are kept only if cross-validation, in which the base model is identified again in every fold,
-    shows that they reduce the error; with too few configurations to leave some out they are not
-    used, and `validation` is None. With early stopping the validation part decides. The base
-    model is identified from all configurations.
+    shows that they reduce the error; where the configurations are too few to leave some out, they
+    are not used, and `validation` is None. With early stopping the validation part decides. The
+    base model is identified from all configurations.
 
     Raises InputError when `base` is a calibration of another robot, NoSolutionError where
     `identify` does.

@@ -70,7 +70,10 @@ def fit_lines(calibration: Calibration) -> list[str]:
     if validation is not None:
         result.append(_learned_line(calibration, validation))
     elif training is not None and training.regularisation == "bayes" and not calibration.networks:
-        result.append("neural network: not used: too few configurations to leave some out")
+        result.append(
+            "neural network: not used: where some configurations are left out, the others do not "
+            "determine the model"
+        )
     elif training is not None:
         gain = loss_reduction(training)
         judged = "validation" if len(training.validation_rows) else "training"

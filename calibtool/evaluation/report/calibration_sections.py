@@ -34,7 +34,7 @@ def training_section(subject: Subject) -> PageSection:
         if calibration.networks:
             used = f"{len(calibration.networks)} used"
         elif validation is None and report.regularisation == "bayes":
-            used = "not used, because too few configurations can be left out to judge it"
+            used = "not used, because with some configurations left out nothing is determined"
         text = (
             f"{name}: network with {report.hidden} hidden nodes, {used}. Trained by "
             f"{OPTIMISERS[report.optimiser]}, {REGULARISATIONS[report.regularisation]}; training "

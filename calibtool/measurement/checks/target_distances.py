@@ -130,7 +130,9 @@ def _pairs(points: Array) -> _Pairs:
     distances = np.linalg.norm(apart, axis=-1)
     steps = np.diff(distances, axis=0)
     scatter = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
-    return _Pairs(index, distances, np.maximum(scatter, _FLOOR), apart[0] / distances[0][:, None])
+    usual = np.argmin(np.abs(distances - np.median(distances, axis=0)).max(axis=-1))
+    towards = apart[usual] / np.maximum(distances[usual], _FLOOR)[:, None]
+    return _Pairs(index, distances, np.maximum(scatter, _FLOOR), towards)
 
 
 def _running_median(values: Array) -> Array:

@@ -277,15 +277,17 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
 
 
 def _measured(table: Table, columns: ColumnMap) -> tuple[list[int], str | None]:
-    """Rows in which some cell of a point or pose holds something, and a warning about the others.
+    """Rows in which a target or the pose was seen, and a warning about the others.
 
     Motion capture has empty cells where nothing was seen. Where all rows are so, none is left out.
     """
-    names = [name for target in columns.targets for name in target.measured or ()]
+    empty: list[int] = []
     if columns.pose is not None:
-        names = [*columns.pose.position, *columns.pose.orientation]
-    at = [table.index(name) for name in names]
-    empty = [k for k, row in enumerate(table.rows) if at and not any(row[i] for i in at)]
+        at = [table.index(name) for name in (*columns.pose.position, *columns.pose.orientation)]
+        empty = [k for k, row in enumerate(table.rows) if not any(row[i] for i in at)]
+    elif columns.targets:
+        points = read_points(table, columns)
+        empty = _rows((np.isnan(points[..., 0]) | _not_seen(points)).all(axis=-1))
     if not empty or len(empty) == len(table):
         return list(range(len(table))), None
     count = "1 row" if len(empty) == 1 else f"{len(empty)} rows"
