@@ -90,6 +90,12 @@ def three_digits(value: float) -> str:
     return f"{round(value, min(decimals, 4)):.{min(max(decimals, 0), 4)}f}"
 
 
+def millimetres(metres: float) -> str:
+    """A length for people, in mm: three significant digits, without an exponent from 1 µm up."""
+    value = metres * 1e3
+    return f"{value:.3g} mm" if abs(value) < 999.5 else f"{value:,.0f} mm"
+
+
 def rounded(values: Iterable[float], decimals: int = 6) -> list[float]:
     """Numbers for JSON, without minus zero."""
     return [round(float(value), decimals) + 0.0 for value in values]

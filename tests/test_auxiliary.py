@@ -53,6 +53,26 @@ def test_columns_by_name() -> None:
     assert np.allclose(found.reference_points, expected, equal_nan=True)
 
 
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        ("temperature_c", "293.15", "holds 293.1 °C, in which no arm works; state its unit"),
+        ("temperature_k", "21", "holds -252.1 °C"),
+        ("payload_kg", "12500", "holds 12500 kg, more than any arm carries; state its unit"),
+        ("payload_g", "-1", "negative mass"),
+    ],
+)
+def test_conditions_in_which_no_arm_works_are_of_another_unit(
+    column: str, value: str, says: str
+) -> None:
+    usual = {"temperature_c": "21", "temperature_k": "293", "payload_kg": "5", "payload_g": "1000"}
+    text = f"{HEADER},{column}\n1,2,3,4,5,6,{usual[column]}\n2,3,4,5,6,7,"
+    read_table(f"{text}{usual[column]}\n", "t.csv", ARM)
+    with pytest.raises(InputError, match=says) as refusal:
+        read_table(f"{text}{value}\n", "t.csv", ARM)
+    assert str(refusal.value).startswith(f"t.csv:3: column '{column}' holds ")
+
+
 def test_columns_by_a_map() -> None:
     text = "a,b,c,ra,rb,rc,x,y,z,T,bx,by,bz\n1,2,3,1,2,3,4,5,6,21,1,2,3\n"
     toml = """

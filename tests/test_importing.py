@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError, NoSolutionError, UsageError
-from calibtool.measurement.importing import choose_rows, import_table, parse_column_map
+from calibtool.measurement.checks import check_measurements
+from calibtool.measurement.importing import choose_rows, import_table, parse_column_map, read_table
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
@@ -356,6 +357,45 @@ def test_a_missing_column_is_named_with_its_near_ones() -> None:
         imported(text.replace("t3_z_mm", "other"))
 
 
+@pytest.mark.parametrize("value", [9_999_999.0, -1.0])
+def test_one_row_of_marks_is_no_line_of_targets(value: float) -> None:
+    """The first row as well as any other: what is in most rows counts."""
+    for row in (0, 4):
+        points = points_mm(UR5.targets)
+        points[row, :2] = value
+        found = import_table(three_targets_csv(points), "t.csv", UR5).measurements
+        assert len(found) == N
+        (shape,) = (f for f in check_measurements(found) if f.name == "target_out_of_place")
+        assert shape.numbers["rows"] == [row + 1]
+
+
+@pytest.mark.parametrize("rows", [[0], [3, 7]])
+def test_rows_of_zeros_are_left_out_as_empty_ones_are(rows: list[int]) -> None:
+    points = points_mm(UR5.targets)
+    text = three_targets_csv(points).splitlines()
+    points[rows] = 0.0
+    found = read_table(three_targets_csv(points), "t.csv", UR5)
+    for row in rows:
+        text[1 + row] = ",".join(text[1 + row].split(",")[:6] + [""] * 9)
+    empty = read_table("\n".join(text), "t.csv", UR5)
+    assert found.warnings == empty.warnings
+    assert "in which nothing was measured left out" in found.warnings[0]
+    np.testing.assert_array_equal(found.measurements.points, empty.measurements.points)
+
+
+def test_a_target_that_never_moves_was_not_seen() -> None:
+    points = points_mm(UR5.targets)
+    points[:, 1] = 9_999_999.0
+    with pytest.raises(InputError, match="of target 2 are the same in every row; where"):
+        imported(three_targets_csv(points))
+
+
+def test_a_table_without_a_header_says_so_and_how_its_columns_are_called() -> None:
+    text = "\n".join(three_targets_csv(points_mm(UR5.targets)).splitlines()[1:])
+    with pytest.raises(InputError, match=r"without a header .* c1 … c15; .*--map-template"):
+        imported(text)
+
+
 def test_a_table_without_joints_or_points_states_what_it_lacks() -> None:
     with pytest.raises(InputError, match="no joint columns j1_deg"):
         imported(csv(named("t1_", np.ones((N, 3)))))
@@ -589,19 +629,12 @@ def test_a_cell_of_zeros_is_a_target_that_was_not_seen(cells: list[tuple[int, in
         spoiled[row, target] = 0.0
     found, warnings, *_ = import_table(three_targets_csv(spoiled), "table.csv", UR5)
     rows = {row for row, _ in cells}
-    assert f"'not seen' in {len(cells)} places" in warnings[0]
+    places = "1 place" if len(cells) == 1 else f"{len(cells)} places"
+    assert f"'not seen' in {places}: " in warnings[0]
     assert all(str(row + 2) in warnings[0] for row in rows)
     assert {(int(k), int(i)) for k, i in np.argwhere(~found.seen)} == set(cells)
     whole = imported(three_targets_csv(points))
     np.testing.assert_allclose(found.setup.targets, whole.setup.targets, atol=1e-6)
-
-
-@pytest.mark.parametrize("row", [0, 7])
-def test_a_row_of_zeros_says_where_it_is(row: int) -> None:
-    points = points_mm(UR5.targets, instrument())
-    points[row] = 0.0
-    with pytest.raises(InputError, match=rf"csv:{row + 2}: no target .* \(0, 0, 0 is not seen\)"):
-        import_table(three_targets_csv(points), "table.csv", UR5)
 
 
 def test_a_zero_in_one_coordinate_is_a_number() -> None:

@@ -10,7 +10,7 @@ from calibtool.calibration.frame import FRAMES, FrameName
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
-from calibtool.errors import check_choice
+from calibtool.errors import NoSolutionError, check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.identification import nominal_model
 from calibtool.identification.local_poe import identify_local_poe
@@ -81,8 +81,9 @@ def train(
     Unless the options say otherwise, the regularisation is early stopping on `nominal` (the
     published method) and Bayesian on every other base. With Bayesian regularisation the networks
     are kept only if cross-validation, in which the base model is identified again in every fold,
-    shows that they reduce the error. With early stopping the validation part decides. The base
-    model is identified from all configurations.
+    shows that they reduce the error; where the configurations are too few to leave some out, they
+    are not used, and `validation` is None. With early stopping the validation part decides. The
+    base model is identified from all configurations.
 
     Raises InputError when `base` is a calibration of another robot, NoSolutionError where
     `identify` does.
@@ -108,7 +109,10 @@ def train(
     kinds = [
         replace(options, regressor=each.training.regressor) for each in fitted if each.training
     ]
-    validations = cross_validate(measurements, again, options.folds, rng, progress)
+    try:
+        validations = cross_validate(measurements, again, options.folds, rng, progress)
+    except NoSolutionError:  # too few rows to leave some out
+        return replace(fitted[0], networks=())
     best, validation = max(zip(fitted, validations, strict=True), key=lambda pair: pair[1].gain)
     return replace(best, validation=validation, networks=best.networks if validation.helps else ())
 

@@ -9,7 +9,7 @@ from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.identification import Identification
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
-from calibtool.units import count_of
+from calibtool.units import count_of, millimetres
 
 _CORRELATED = 0.9  # pairs of parameters with a larger correlation are listed
 
@@ -44,8 +44,8 @@ def fit_summary(calibration: Calibration) -> str:
 def fit_lines(calibration: Calibration) -> list[str]:
     """Lines for people: parameters, quality of the fit, warnings, use of the network."""
     base, training = calibration.base, calibration.training
-    noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
-    fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
+    noise = f"stated noise {millimetres(calibration.noise_position)}"
+    fit = f"residual {millimetres(base.residual_rms[0])} rms per coordinate, {noise}"
     if base.residual_rms[1] is not None:
         fit += (
             f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated "
@@ -69,6 +69,11 @@ def fit_lines(calibration: Calibration) -> list[str]:
     validation = calibration.validation
     if validation is not None:
         result.append(_learned_line(calibration, validation))
+    elif training is not None and training.regularisation == "bayes" and not calibration.networks:
+        result.append(
+            "neural network: not used: where some configurations are left out, the others do not "
+            "determine the model"
+        )
     elif training is not None:
         gain = loss_reduction(training)
         judged = "validation" if len(training.validation_rows) else "training"
@@ -103,14 +108,14 @@ def _compared(base: Identification) -> str:
     why = {
         "nominal": "registration alone is used: no other model predicts held-out rows better",
         "local-poe": "local POE is used: it predicts held-out rows clearly better",
-        "complete": "complete is used: no simpler model predicts held-out rows better",
+        "complete": "complete is used: no simpler model predicts held-out rows clearly better",
     }[base.model]
     if base.posterior is not None and "geometry" in base.held_out:
         parts = base.posterior.parameters.parts
         if all(part.family.always for part in parts if len(part.elements)):
             why = (
-                "geometry and joint offsets alone are used: nothing more predicts held-out rows "
-                "better"
+                "geometry and joint offsets alone are used: nothing else predicts held-out rows "
+                "clearly better"
             )
     return f"{why} (rms in multiples of the stated noise: {errors})"
 
@@ -156,7 +161,7 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
             f"warning: the residuals are those of {estimated:.3g} mm of noise, but "
-            f"{calibration.noise_position * 1e3:.3g} mm are stated: "
+            f"{millimetres(calibration.noise_position)} are stated: "
             + (
                 "either the stated noise is wrong, or the robot has errors that the model does not "
                 "describe"
@@ -188,7 +193,7 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
     result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit: {done}"]
     order = np.argsort(-flagged.deviation)[:5]
     result += [
-        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "
+        f"  configuration {flagged.rows[k] + 1}: {millimetres(flagged.position[k])}, "
         f"{flagged.deviation[k]:.1f} times the noise"
         for k in order
     ]

@@ -7,7 +7,7 @@ import numpy as np
 from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
 from calibtool.robot.se3 import Array, log3, pose_distances
-from calibtool.units import rounded
+from calibtool.units import millimetres, rounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class FrameReport:
             chosen = "fitted: every commanded pose moves by the common part, too"
         return [
             f"frame {chosen}; common part of all errors: {self.common}",
-            f"apart from it the robot is {_rms(self.position) * 1e3:.3g} mm and "
+            f"apart from it the robot is {millimetres(_rms(self.position))} and "
             f"{_rms(self.orientation) * 1e3:.3g} mrad rms from the drawing, at most "
-            f"{self.position.max() * 1e3:.3g} mm and {self.orientation.max() * 1e3:.3g} mrad",
+            f"{millimetres(self.position.max())} and {self.orientation.max() * 1e3:.3g} mrad",
         ]
 
     @property
@@ -56,7 +56,7 @@ class FrameReport:
         sizes = []
         for name, part in (("base", self.base), ("tool", self.tool)):
             shift, turn = np.linalg.norm(part.reshape(2, 3), axis=-1)
-            sizes.append(f"{name} {shift * 1e3:.3g} mm, {np.rad2deg(turn):.3g} deg")
+            sizes.append(f"{name} {millimetres(shift)}, {np.rad2deg(turn):.3g} deg")
         return "; ".join(sizes)
 
 

@@ -145,7 +145,7 @@ def identify(
         write_output(target, to_bytes(calibration), force)
     groups = noise_groups(calibration, data)
     extra["noise_groups"] = [group.as_json() for group in groups]
-    report_calibration(calibration, "calibtool/identification", json, extra)
+    report_calibration(calibration, data, "calibtool/identification", json, extra)
     if not json:
         show_noise(groups)
     posterior = calibration.base.posterior
@@ -213,9 +213,15 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
 
 def report_calibration(
-    calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
+    calibration: "Calibration",
+    data: "Measurements",
+    schema: str,
+    json: bool,
+    extra: dict[str, object] | None = None,
 ) -> None:
-    """Report the result: JSON on stdout, or a few lines on stderr."""
+    """Report the result: JSON on stdout, or a few lines on stderr without the findings of the
+    import, which were reported when the measurements were read.
+    """
     from calibtool.calibration.fit_summary import fit_lines
     from calibtool.identification.sufficiency import few_rows
     from calibtool.summary import calibration_summary
@@ -227,7 +233,8 @@ def report_calibration(
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return
     for line in fit_lines(calibration):
-        message(line)
+        if line.removeprefix("warning: ") not in data.findings:
+            message(line)
 
 
 def fit_words(calibration: "Calibration") -> str:

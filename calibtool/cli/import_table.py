@@ -131,11 +131,12 @@ def _joints_of_bag(
 
 
 def _registered(taken: "Imported") -> "tuple[Measurements, list[Finding]]":
-    """The measurements with their set-up registered, and what the checks on import find.
+    """The measurements with their set-up registered, and what the checks on import find. Rows that
+    these say do not belong to the others stay, and do not move the set-up.
 
     NoSolutionError with the first warning of the checks where the set-up cannot be registered.
     """
-    from calibtool.measurement.checks import check_measurements
+    from calibtool.measurement.checks import check_measurements, rows_off
 
     with working(f"registering and checking {len(taken.measurements)} configurations"):
         try:
@@ -144,7 +145,11 @@ def _registered(taken: "Imported") -> "tuple[Measurements, list[Finding]]":
             found = check_measurements(taken.measurements)
             why = [f.message for f in found if f.severity == "warning"]
             raise NoSolutionError("; ".join([str(error), *why[:1]])) from None
-        return measurements, check_measurements(measurements, taken.auxiliary, taken.stream)
+        findings = check_measurements(measurements, taken.auxiliary, taken.stream)
+        if off := rows_off(findings):
+            with suppress(NoSolutionError):  # they are needed
+                measurements = taken.registered(off).measurements
+        return measurements, findings
 
 
 def _write(

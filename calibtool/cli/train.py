@@ -164,7 +164,7 @@ def train(
         extra["learning_curve"] = learning_curve_summary(curve)
     if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
-    report_calibration(calibration, "calibtool/training", json, extra)
+    report_calibration(calibration, data, "calibtool/training", json, extra)
     if learning_curve and not json:
         for line in learning_curve_lines(curve, len(data)):
             message(line)

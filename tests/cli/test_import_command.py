@@ -436,3 +436,28 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     assert "--joint-values" in refused(
         2, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "arm"
     )
+
+
+@pytest.mark.parametrize("mistake", ["100 mm", "10 km", "the row before", "targets exchanged"])
+def test_a_row_that_does_not_belong_does_not_move_the_set_up(table: str, mistake: str) -> None:
+    """The set-up is that of the other rows; the row stays in the file, and is named."""
+    header, *lines = Path(table).read_text().splitlines()
+    own, before = lines[6].split(","), lines[5].split(",")
+    bad = {
+        "100 mm": [*own[:3], *(str(float(cell) + 100) for cell in own[3:])],
+        "10 km": [*own[:3], "9999999", "9999999", "9999999", *own[6:]],
+        "the row before": own[:3] + before[3:],
+        "targets exchanged": own[:3] + own[6:9] + own[3:6] + own[9:],
+    }[mistake]
+    Path("spoilt.csv").write_text("\n".join([header, *lines[:6], ",".join(bad), *lines[7:]]))
+    Path("others.csv").write_text("\n".join([header, *lines[:6], *lines[7:]]))
+    run("import", "others.csv", "--robot", "planar-3r", "-o", "others.h5")
+    result = run("import", "spoilt.csv", "--robot", "planar-3r", "-o", "spoilt.h5")
+    assert "row 7" in result.stderr
+    assert len(stored("spoilt.h5", JOINTS)) == len(lines)
+    for part in ("T_instrument_base", "targets"):
+        np.testing.assert_allclose(
+            stored("spoilt.h5", f"registration/{part}"),
+            stored("others.h5", f"registration/{part}"),
+            atol=1e-7,
+        )

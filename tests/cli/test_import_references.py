@@ -86,3 +86,26 @@ def test_readings_in_a_file_of_their_own(files: Files) -> None:
     assert "has no reference points" in line
     line = refused(3, *command, "--references", "t.csv")
     assert "neither a time" in line
+
+
+def test_readings_that_are_mixed_up_or_in_another_unit_are_refused(files: Files) -> None:
+    """Two reference points in exchanged columns from the middle on; mm that are m."""
+    rows, _ = drifting(files, "t.csv", 0.0)
+    exchanged = [dict(row) for row in rows]
+    for row in exchanged[len(rows) // 2 :]:
+        for a, b in zip(NAMES[:3], NAMES[3:6], strict=True):
+            row[a], row[b] = row[b], row[a]
+    written("exchanged.csv", exchanged)
+    small = [
+        {k: f"{float(v) / 1e3:.9f}" if k in NAMES else v for k, v in row.items()} for row in rows
+    ]
+    written("small.csv", small)
+    how = ("--robot", "planar-3r", "--use-references", "-o", "m.h5")
+    assert "check that every point keeps its columns" in refused(3, "import", "exchanged.csv", *how)
+    assert "check their unit" in refused(3, "import", "small.csv", *how)
+
+
+def test_references_that_were_looked_at_are_not_advised_again(files: Files) -> None:
+    drifting(files, "t.csv", 0.0)
+    result = run("import", "t.csv", "--robot", "planar-3r", "--use-references", "-o", "m.h5")
+    assert remarks(result).count("the reference points") == 1

@@ -168,6 +168,18 @@ def test_a_network_that_does_not_help_is_not_used() -> None:
     assert value["loss_reduction_percent"] <= 0
 
 
+@pytest.mark.parametrize(("robot", "rows"), [("planar-3r", 4), ("ur3", 4)])
+def test_few_rows_are_identified_and_no_network_is_judged(robot: str, rows: int) -> None:
+    """`train` asks for no more rows than `identify`: with folds left out too few remain."""
+    run("simulate", robot, "-n", rows, "--unregistered", "-o", "m.h5")
+    run("identify", "m.h5", "-o", "identified.h5")
+    result = run("train", "m.h5", "--restarts", 1, "--folds", 2, "-o", "trained.h5")
+    assert "not used: where some configurations are left out" in result.stderr
+    same = answer("info", "trained.h5"), answer("info", "identified.h5")
+    assert same[0]["network"]["used"] is False
+    assert same[0]["base"] == same[1]["base"]
+
+
 @pytest.mark.parametrize(
     "form",
     [

@@ -30,11 +30,11 @@ def training_section(subject: Subject) -> PageSection:
         report, validation = calibration.training, calibration.validation
         if report is None:
             continue
-        used = (
-            f"{len(calibration.networks)} used"
-            if calibration.networks
-            else "not used, because it does not help"
-        )
+        used = "not used, because it does not help"
+        if calibration.networks:
+            used = f"{len(calibration.networks)} used"
+        elif validation is None and report.regularisation == "bayes":
+            used = "not used, because with some configurations left out nothing is determined"
         text = (
             f"{name}: network with {report.hidden} hidden nodes, {used}. Trained by "
             f"{OPTIMISERS[report.optimiser]}, {REGULARISATIONS[report.regularisation]}; training "

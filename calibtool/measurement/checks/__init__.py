@@ -3,7 +3,7 @@
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.clocks import clock_finding
 from calibtool.measurement.checks.design import design_findings
-from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.finding import Finding, rows_off
 from calibtool.measurement.checks.kind_checks import kind_findings
 from calibtool.measurement.checks.lonely_places import lonely_places
 from calibtool.measurement.checks.measuring_process import condition_findings
@@ -13,7 +13,7 @@ from calibtool.measurement.checks.target_distances import shape_findings
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.streams import JointStream
 
-__all__ = ["Finding", "check_measurements", "design_findings"]
+__all__ = ["Finding", "check_measurements", "design_findings", "rows_off"]
 
 
 def check_measurements(

@@ -13,6 +13,7 @@ from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array, inverse, readonly
+from calibtool.units import millimetres
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
 _OTHER = 0.01  # smallest change of a scale that is named
@@ -40,7 +41,7 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
         after = rms(poses, scale)
         message = (
             f"the board is {scale:.4g} times as large as stated: the size of its squares or the "
-            f"unit of its poses is wrong; the nominal robot fits them to {after * 1e3:.3g} mm rms "
+            f"unit of its poses is wrong; the nominal robot fits them to {millimetres(after)} rms "
             f"instead of {before * 1e3:.3g}"
         )
         numbers: Numbers = {"scale": scale, "rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
@@ -49,14 +50,14 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
         after = rms(_MIRROR @ poses @ _MIRROR)
         message = (
             "the images are mirrored: with left and right exchanged the nominal robot explains "
-            f"them to {after * 1e3:.3g} mm rms instead of {before * 1e3:.3g}"
+            f"them to {millimetres(after)} rms instead of {before * 1e3:.3g}"
         )
         numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
         found.append(Finding("mirrored_images", "warning", message, numbers))
     elif before > _OF_SPREAD * (spread := float(np.std(poses[:, :3, 3], axis=0).max())):
         message = (
-            f"the nominal robot fits the board to {before * 1e3:.3g} mm rms, which moves by "
-            f"{spread * 1e3:.3g} mm only: check where camera and board are (on the tool, or beside "
+            f"the nominal robot fits the board to {millimetres(before)} rms, which moves by "
+            f"{millimetres(spread)} only: check where camera and board are (on the tool, or beside "
             "the arm), the zeros of the joints, and that rows and images belong together"
         )
         numbers = {"rms_mm": before * 1e3, "spread_mm": spread * 1e3}

@@ -11,6 +11,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.se3 import readonly
+from calibtool.units import millimetres
 
 _WIDEST = 0.5  # s: largest offset that is looked for
 _STEPS = 51
@@ -90,7 +91,7 @@ def clock_finding(measurements: Measurements, stream: JointStream | None) -> Fin
         )
     message = (
         f"the joints are those of another instant: with {found.offset:+.4g} s added to the stamps "
-        f"of the points the nominal robot fits them to {found.after * 1e3:.3g} mm rms, now to "
-        f"{found.before * 1e3:.3g} mm; import with --clock-offset {found.offset:.4f}"
+        f"of the points the nominal robot fits them to {millimetres(found.after)} rms, now to "
+        f"{millimetres(found.before)}; import with --clock-offset {found.offset:.4f}"
     )
     return Finding("clock_offset", "warning", message, numbers)

@@ -28,6 +28,22 @@ class Finding:
         return asdict(self)
 
 
+_ROWS_OFF = ("rows_out_of_place", "target_out_of_place", "target_order")
+_GROSS_MM = 5.0  # a shift that is larger than the errors of an arm
+
+
+def rows_off(findings: Iterable[Finding]) -> list[int]:
+    """Indices, from 0, of the rows that warnings say do not belong to the others, by more than the
+    errors of an arm.
+    """
+    rows: set[int] = set()
+    for finding in findings:
+        named, shift = finding.numbers.get("rows"), finding.numbers.get("shift_mm", _GROSS_MM)
+        if finding.name in _ROWS_OFF and isinstance(named, list) and isinstance(shift, float):
+            rows.update(int(row) - 1 for row in named if shift >= _GROSS_MM)
+    return sorted(rows)
+
+
 def listed(rows: Iterable[int], most: int = 6) -> str:
     """Numbers for people, counted from 1: `3, 4, 9 …`."""
     numbers = [str(int(row) + 1) for row in rows]

@@ -7,6 +7,7 @@ import numpy as np
 from calibtool.measurement.checks.finding import Finding, Numbers
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.measurements import Measurements
+from calibtool.units import millimetres
 
 _MOST = 8  # number of groups
 _REFINED = 6  # number of rows on either side of a border among which it is looked for
@@ -23,11 +24,11 @@ class Groups:
     def finding(self, before: float) -> Finding:
         """Which rows belong together."""
         groups = [
-            f"{start + 1}-{end} ({size * 1e3:.3g} mm)"
+            f"{start + 1}-{end} ({millimetres(size)})"
             for (start, end), size in zip(self.borders, self.sizes, strict=True)
         ]
         message = (
-            f"the nominal robot fits all points to {before * 1e3:.3g} mm rms, but groups of rows "
+            f"the nominal robot fits all points to {millimetres(before)} rms, but groups of rows "
             f"much better: {', '.join(groups)}; the instrument or its target was moved in between; "
             "name the groups in a column station"
         )

@@ -12,6 +12,7 @@ from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import transform_points
+from calibtool.units import millimetres
 
 _SUSPICIOUS = 5e-3  # of the length of the arm: with a larger residual, mistakes are looked for
 _GROSS = 3e-2  # of the length of the arm: a larger residual is a warning
@@ -27,7 +28,7 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
         found += reading_findings(measurements, rms) or camera_findings(measurements)
     if rms > _GROSS * robot.length and not found:
         message = (
-            f"the nominal robot fits the readings to {rms * 1e3:.3g} mm rms only; check the "
+            f"the nominal robot fits the readings to {millimetres(rms)} rms only; check the "
             "robot, its zero positions, the joint columns with their units and signs, and that "
             "rows of joints and of readings belong together"
         )

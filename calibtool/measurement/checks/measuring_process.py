@@ -13,7 +13,7 @@ from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array, readonly, transform_points
-from calibtool.units import count_of
+from calibtool.units import count_of, millimetres
 
 _LOUD = 3.0  # times the stated noise: largest scatter of repeated configurations
 _RARE = 1e-3  # probability below which a trend is not chance
@@ -59,7 +59,7 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     rows = len(groups) - len(size)
     message = (
         f"{rows} rows repeat the joint positions of another row: they scatter by "
-        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
+        f"{millimetres(scatter)} per coordinate, stated noise {millimetres(noise)}"
     )
     numbers: Numbers = {
         "rows": rows,
@@ -101,7 +101,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     omitted = f"; {count_of(gross, 'gross reading')} left out" if gross else ""
     if z < _CLEAR:
         message = (
-            f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the "
+            f"the reference points do not drift: {millimetres(span)} between parts of the "
             f"file{omitted}"
         )
         return Finding("reference_drift", "note", message, numbers)
@@ -111,7 +111,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
         numbers["hours"] = hours
         speed = f" in {hours:.3g} h"
     message = (
-        f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
+        f"the reference points move by {millimetres(span)}{speed} against the instrument: the base "
         "or the instrument "
         "drifts; import --use-references brings the rows back by them" + omitted
     )
@@ -159,7 +159,7 @@ def _temperature(
         message = f"no trend with temperature {place} (p = {p:.2g})"
         return Finding("temperature_trend", "note", message, numbers)
     kind = "the arm grows" if strongest == 3 else "the points drift"
-    message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
+    message = f"{kind} with temperature, by {millimetres(change)} {place} (p = {p:.1g})"
     if order_sizes.max() > sizes[strongest]:
         message += "; the order of the rows explains more than that: something drifts with time"
     return Finding(

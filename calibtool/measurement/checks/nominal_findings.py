@@ -16,6 +16,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
+from calibtool.units import count_of, millimetres
 
 # Of the length, and m: no arm differs from its drawing by more
 _SUSPICIOUS, _AT_LEAST = 1.5e-2, 5e-3
@@ -99,8 +100,8 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     if best * _BETTER < before:
         alike = [mistake for rms, mistake in tried if rms <= _ALIKE * best]
         message = (
-            f"the nominal robot fits the points to {_mm(before)} rms, but to {_mm(best)} if "
-            f"{' or '.join(mistake.text for mistake in alike[:3])}"
+            f"the nominal robot fits the points to {millimetres(before)} rms, but to "
+            f"{millimetres(best)} if {' or '.join(mistake.text for mistake in alike[:3])}"
         )
         numbers: Numbers = (
             {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
@@ -114,10 +115,9 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     if not _GROSS * measurements.robot.length < before < np.inf:
         return []
     message = (
-        f"the nominal robot fits the points to {_mm(before)} rms only; check the robot, its "
-        "zero positions, the joint "
-        f"columns with their units and signs, and that rows of joints and of points belong together"
-        f"{_list_of_targets(measurements)}"
+        f"the nominal robot fits the points to {millimetres(before)} rms only; check the robot, "
+        "its zero positions, the joint columns with their units and signs, and that rows of joints "
+        f"and of points belong together{_list_of_targets(measurements)}"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
 
@@ -178,8 +178,8 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     those = f"row {listed(rows)} does" if len(rows) == 1 else f"rows {listed(rows)} do"
     message = (
         f"{those} not belong to the others: the nominal robot fits the points "
-        f"to {_mm(before.rms)} rms, "
-        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+        f"to {millimetres(before.rms)} rms, "
+        f"without {'it' if len(rows) == 1 else 'them'} to {millimetres(after.rms)}"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -202,8 +202,8 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         after, order = min(tried)
         if after * _BETTER < before:
             message = (
-                f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as "
-                f"{listed(order)}; sort their columns"
+                f"the targets fit to {millimetres(before)} rms in the order given, but to "
+                f"{millimetres(after)} as {listed(order)}; sort their columns"
             )
             numbers: Numbers = {
                 "order": [i + 1 for i in order],
@@ -220,8 +220,8 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         if known
     )
     message = (
-        f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up "
-        f"to {_mm(free.rms)}; check what was given, or leave it out"
+        f"with the {given} as given the points fit to {millimetres(before)} rms, with an estimated "
+        f"set-up to {millimetres(free.rms)}; check what was given, or leave it out"
     )
     return Finding(
         "given_setup",
@@ -276,9 +276,9 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
     if not len(rows):
         return None, none
     message = (
-        f"in {len(rows)} rows the targets are in another order than in the rest (rows "
+        f"in {count_of(len(rows), 'row')} the targets are in another order than in the rest (row "
         f"{listed(rows)}): sorted, the nominal "
-        f"robot fits the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
+        f"robot fits the points to {millimetres(best)} instead of {millimetres(stated.rms)} rms"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -304,7 +304,3 @@ def _orders(measurements: Measurements, setup: Setup) -> np.ndarray:
         if _BETTER**2 * cost[own, order].sum() < cost[own, own].sum():
             orders[k] = order
     return orders
-
-
-def _mm(metres: float) -> str:
-    return f"{metres * 1e3:.3g} mm"

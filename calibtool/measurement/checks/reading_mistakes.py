@@ -12,6 +12,7 @@ from calibtool.measurement.checks.mistakes import LENGTHS, Mistake, inverse_pose
 from calibtool.measurement.checks.nominal_fit import rms_of_lengths
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array, readonly
+from calibtool.units import millimetres
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
 _GOOD = 1e-2  # of the length of the arm: largest residual of the nominal robot without the mistake
@@ -26,10 +27,10 @@ def reading_findings(measurements: Measurements, before: float) -> list[Finding]
     after, mistake = min(tried, key=lambda pair: pair[0], default=(np.inf, None))
     if mistake is None or after * _BETTER > before or after > _GOOD * measurements.robot.length:
         return []
-    now = f"{before * 1e3:.3g} mm rms" if np.isfinite(before) else "not at all"
+    now = f"{millimetres(before)} rms" if np.isfinite(before) else "not at all"
     message = (
         f"the nominal robot explains the readings {now if now == 'not at all' else 'to ' + now}, "
-        f"but to {after * 1e3:.3g} mm if {mistake.text}"
+        f"but to {millimetres(after)} if {mistake.text}"
     )
     numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
     return [Finding(mistake.name, "warning", message, dict(numbers))]

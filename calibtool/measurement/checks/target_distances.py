@@ -9,9 +9,11 @@ from calibtool.measurement.checks.design import equal_columns
 from calibtool.measurement.checks.finding import Finding, Numbers, listed, severity
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
+from calibtool.units import millimetres
 
 _STEP = 50.0  # squared standard errors of a change of the mean distances, summed over all pairs
 _OUTLIER = 8.0  # standard deviations of a distance from that of the rows around it
+_MANY = 20  # rows that show how the distances scatter; with less, the stated noise counts as well
 _FLOOR = 1e-6  # m: smallest standard deviation of a distance, for exact data
 
 
@@ -77,13 +79,14 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     numbers: Numbers
 
     centre = _running_median(pairs.distances)
-    off = (np.abs(pairs.distances - centre) > _OUTLIER * pairs.scatter).any(axis=-1)
+    scatter = np.maximum(pairs.scatter, np.sqrt(2) * noise if len(rows) < _MANY else 0.0)
+    off = (np.abs(pairs.distances - centre) > _OUTLIER * scatter).any(axis=-1)
     if off.any():
         named = [pairs.moved(change) for change in (pairs.distances - centre)[off]]
         largest = max(float(np.linalg.norm(shift)) for _, shift in named)
         targets = ", ".join(sorted({target for target, _ in named}))
         message = (
-            f"row {listed(rows[off])}: target {targets} is up to {largest * 1e3:.3g} mm from where "
+            f"row {listed(rows[off])}: target {targets}, up to {millimetres(largest)} from where "
             "the other targets say; measure these rows again or leave them out"
         )
         numbers = {"rows": [int(row) + 1 for row in rows[off]], "shift_mm": largest * 1e3}
@@ -99,7 +102,7 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         row, size = int(rows[at]) + 1, float(np.linalg.norm(shift))
         message = (
             f"target {target} has moved on the tool from row {row} on, by at least "
-            f"{size * 1e3:.3g} mm (its distances to the other targets change); calibrate only with "
+            f"{millimetres(size)} (its distances to the other targets change); calibrate only with "
             "the rows before, or only with the rows from there on"
         )
         numbers = {
@@ -112,8 +115,8 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     estimate = float(np.sqrt(distances.var(axis=0, ddof=1).mean() / 2))
     if estimate > 3 * noise:
         message = (
-            f"the distances between targets scatter as if the noise were {estimate * 1e3:.3g} mm "
-            f"per coordinate, but {noise * 1e3:.3g} mm are stated"
+            f"the distances between targets scatter as if the noise were {millimetres(estimate)} "
+            f"per coordinate, but {millimetres(noise)} are stated"
         )
         numbers = {"estimated_noise_mm": estimate * 1e3, "stated_noise_mm": noise * 1e3}
         found.append(Finding("noise_of_distances", "warning", message, numbers))
@@ -127,7 +130,9 @@ def _pairs(points: Array) -> _Pairs:
     distances = np.linalg.norm(apart, axis=-1)
     steps = np.diff(distances, axis=0)
     scatter = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
-    return _Pairs(index, distances, np.maximum(scatter, _FLOOR), apart[0] / distances[0][:, None])
+    usual = np.argmin(np.abs(distances - np.median(distances, axis=0)).max(axis=-1))
+    towards = apart[usual] / np.maximum(distances[usual], _FLOOR)[:, None]
+    return _Pairs(index, distances, np.maximum(scatter, _FLOOR), towards)
 
 
 def _running_median(values: Array) -> Array:

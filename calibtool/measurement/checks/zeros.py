@@ -13,6 +13,7 @@ from calibtool.measurement.registration import update_setup
 from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, readonly
+from calibtool.units import millimetres
 
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])
 _SMALLEST = np.deg2rad(0.3)  # rad, or 5.2 mm for a slide: smaller offsets are no mistake
@@ -41,8 +42,8 @@ class Zeros:
             for j, what in zip(joints, corrections, strict=True)
         )
         message = (
-            f"the nominal robot fits the points to {before * 1e3:.3g} mm rms, but to "
-            f"{self.rms * 1e3:.3g} mm if {text}"
+            f"the nominal robot fits the points to {millimetres(before)} rms, but to "
+            f"{millimetres(self.rms)} if {text}"
         )
         numbers: Numbers = {
             "joints": [int(j) + 1 for j in joints],

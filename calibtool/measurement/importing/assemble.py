@@ -40,6 +40,7 @@ from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
+from calibtool.units import count_of
 
 COMPENSATED = ("status", "left_mm", "left_mrad")  # what `compensate` adds to its rows
 
@@ -227,8 +228,8 @@ def _points_and_values(table: Table, columns: ColumnMap) -> tuple[Array, Array |
         if zero.any():  # no instrument measures its own origin to the last digit
             points = np.where(zero[..., None], np.nan, points)
             warnings.append(
-                f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: "
-                f"{lines(zero)}"
+                f"{table.name}: 0, 0, 0 was taken for 'not seen' in "
+                f"{count_of(int(zero.sum()), 'place')}: {lines(zero)}"
             )
         values, seen = None, ~np.isnan(points[..., 0])
     else:
@@ -237,8 +238,8 @@ def _points_and_values(table: Table, columns: ColumnMap) -> tuple[Array, Array |
         if zero.any():
             values = np.where(zero, np.nan, values)
             warnings.append(
-                f"{table.name}: a distance of 0 was taken for 'not read' in {int(zero.sum())} "
-                f"places: {lines(zero)}"
+                f"{table.name}: a distance of 0 was taken for 'not read' in "
+                f"{count_of(int(zero.sum()), 'place')}: {lines(zero)}"
             )
         seen = np.isfinite(values)
     if not seen.any(axis=-1).all():
@@ -276,15 +277,17 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
 
 
 def _measured(table: Table, columns: ColumnMap) -> tuple[list[int], str | None]:
-    """Rows in which some cell of a point or pose holds something, and a warning about the others.
+    """Rows in which a target or the pose was seen, and a warning about the others.
 
     Motion capture has empty cells where nothing was seen. Where all rows are so, none is left out.
     """
-    names = [name for target in columns.targets for name in target.measured or ()]
+    empty: list[int] = []
     if columns.pose is not None:
-        names = [*columns.pose.position, *columns.pose.orientation]
-    at = [table.index(name) for name in names]
-    empty = [k for k, row in enumerate(table.rows) if at and not any(row[i] for i in at)]
+        at = [table.index(name) for name in (*columns.pose.position, *columns.pose.orientation)]
+        empty = [k for k, row in enumerate(table.rows) if not any(row[i] for i in at)]
+    elif columns.targets:
+        points = read_points(table, columns)
+        empty = _rows((np.isnan(points[..., 0]) | _not_seen(points)).all(axis=-1))
     if not empty or len(empty) == len(table):
         return list(range(len(table))), None
     count = "1 row" if len(empty) == 1 else f"{len(empty)} rows"

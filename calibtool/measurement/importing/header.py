@@ -160,6 +160,12 @@ def _joints(names: Named, robot: Robot, source: SourceTable, stated: Stated) -> 
         )
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not names.has(bare):
+        if table.header[:2] == ["c1", "c2"]:
+            raise InputError(
+                f"{table.name}: no joint columns: without a header its columns are called c1 … "
+                f"{table.header[-1]}; say with --columns MAP.toml what they are (--map-template "
+                "begins one)"
+            )
         raise InputError(
             f"{table.name}: no joint columns {robot.columns(None)[0]} …; name the columns so, or "
             "map them with --columns MAP.toml"

@@ -1,5 +1,6 @@
 """The result of an import: measurements, how the table was understood, and warnings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -99,16 +100,17 @@ class Imported(NamedTuple):
         """The same with another set-up."""
         return self._replace(measurements=replace(self.measurements, setup=setup))
 
-    def registered(self) -> "Imported":
+    def registered(self, without: Sequence[int] = ()) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows, with a warning about the table, which may be the
-        reason.
+        without: indices of rows that are kept but not fitted, because they do not belong to the
+        others. Raises NoSolutionError for too few rows, with a warning about the table, which may
+        be the reason.
         """
-        used = self.measurements
-        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
+        fitting = np.setdiff1d(np.arange(len(self.measurements)), without)
+        used = fitting[spread_rows(len(fitting), REGISTRATION_ROWS)]
         try:
-            return self.with_setup(register(used))
+            return self.with_setup(register(self.measurements.rows(used)))
         except NoSolutionError as error:
             hint = f" ({self.warnings[0]})" if self.warnings else ""
             raise NoSolutionError(f"{error}{hint}") from None

@@ -6,9 +6,12 @@ import numpy as np
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.column_map import ColumnMap
+from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.setup import Setup, check_targets
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+
+_ROWS = 200  # rows that show whether the targets are on one line
 
 
 def known_setup(
@@ -39,7 +42,7 @@ def known_setup(
     # Measured points show a collinear set too, whatever is known of the targets.
     whole = points[~np.isnan(points[..., 0]).any(axis=-1)]
     if len(whole):
-        check_targets(whole[0], f"{name}: measured points")
+        _check_measured(whole[spread_rows(len(whole), _ROWS)], name)
     places = len(labels) or 1
     setup = Setup(
         T_instrument_base=readonly(np.eye(4)),
@@ -56,6 +59,27 @@ def known_setup(
         R_tool_sensor=readonly(np.eye(3)) if columns.pose is not None else None,
         further_frames=readonly(frames.copy()) if places > 1 else None,
     )
+
+
+def _check_measured(points: Array, name: str) -> None:
+    """InputError where the targets are on one line, or two the same, in most of the rows
+    (N, m, 3): a few may be mistakes.
+    """
+    wrong: list[InputError] = []
+    for row in points:
+        try:
+            check_targets(row, f"{name}: measured points")
+        except InputError as error:
+            wrong.append(error)
+    if 2 * len(wrong) <= len(points):
+        return
+    still = np.flatnonzero((np.ptp(points, axis=0) == 0.0).all(axis=-1)) + 1
+    if len(points) > 1 and len(still):
+        raise InputError(
+            f"{name}: measured points: the coordinates of target {', '.join(map(str, still))} are "
+            "the same in every row; where nothing was seen, leave the cells empty"
+        )
+    raise wrong[0]
 
 
 def _of_other_kinds(columns: ColumnMap, setup: Setup, places: int) -> Setup:

@@ -12,6 +12,7 @@ from calibtool.measurement.importing.column_map import (
     PayloadColumn,
     PoseColumns,
     TargetColumns,
+    TemperatureColumn,
 )
 from calibtool.measurement.importing.joint_files import times
 from calibtool.robot.orientation import numbers_in, rotation_matrices
@@ -21,6 +22,8 @@ from calibtool.tables import Table
 from calibtool.units import TO_SI
 
 _CELSIUS = -273.15  # added to a temperature in K
+_COLDEST, _WARMEST = -100.0, 200.0  # °C: no arm works beyond
+_HEAVIEST = 1e4  # kg: four times what the strongest arms carry
 
 
 def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
@@ -122,12 +125,18 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
 
 
 def read_payload(table: Table, payload: PayloadColumn) -> Array:
-    """Mass at the tool (N,), kg. InputError for a negative one."""
+    """Mass at the tool (N,), kg. InputError for a negative one, or one that no arm carries."""
     values = table.numbers([payload.column])[:, 0] * (1e-3 if payload.unit == "g" else 1.0)
     if (values < 0).any():
         raise InputError(
             f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds "
             "a negative mass"
+        )
+    if (values > _HEAVIEST).any():
+        row = int(np.argmax(values > _HEAVIEST))
+        raise InputError(
+            f"{table.place(row)}: column '{payload.column}' holds {values[row]:g} kg, more than "
+            "any arm carries; state its unit: payload_kg or payload_g"
         )
     return values
 
@@ -138,26 +147,35 @@ def read_auxiliary(
     """The columns beside the measurements; joint values come from `joints_table`, all others from
     the measured table.
 
-    q (N, n) are the commanded joint positions, rad or m.
+    q (N, n) are the commanded joint positions, rad or m. InputError for a temperature in which no
+    arm works.
     """
     references = [
         table.optional_numbers(ref.measured) * TO_SI[ref.unit] for ref in columns.references
     ]
-    temperature = columns.temperature
-    celsius = None
-    if temperature is not None:
-        celsius = table.optional_numbers([temperature.column])[:, 0] + (
-            _CELSIUS if temperature.unit == "K" else 0.0
-        )
     return AuxiliaryReadings(
         q_commanded=q,
         q_read=read_joints(joints_table, robot, columns.joints_read)
         if columns.joints_read
         else None,
         time_s=times(table, columns.time) if columns.time else None,
-        temperature_c=celsius,
+        temperature_c=_celsius(table, columns.temperature) if columns.temperature else None,
         reference_points=np.stack(references, axis=1) if references else None,
     )
+
+
+def _celsius(table: Table, temperature: TemperatureColumn) -> Array:
+    """Temperatures (N,), °C, NaN where none was read."""
+    shift = _CELSIUS if temperature.unit == "K" else 0.0
+    celsius = table.optional_numbers([temperature.column])[:, 0] + shift
+    wrong = (celsius < _COLDEST) | (celsius > _WARMEST)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"{table.place(row)}: column '{temperature.column}' holds {celsius[row]:.4g} °C, in "
+            "which no arm works; state its unit: temperature_c or temperature_k"
+        )
+    return celsius
 
 
 def _target_points(table: Table, target: TargetColumns) -> Array:

@@ -14,7 +14,10 @@ from calibtool.measurement.reference_motion import (
     instrument_motion,
 )
 from calibtool.robot.se3 import Array, readonly
-from calibtool.units import count_of
+from calibtool.units import count_of, millimetres
+
+_APART = 0.01  # m: reference points that are nearer to each other do not show a rotation
+_USELESS = 20.0  # times the stated noise: readings that scatter by more are mixed up
 
 
 def undo_instrument_motion(
@@ -90,7 +93,8 @@ def undo_instrument_motion(
         points=readonly(points),
         rotations=None if rotations is None else readonly(rotations),
     )
-    beside = replace(auxiliary, reference_points=fixed)
+    # What was decided here is not advised again by the checks.
+    beside = replace(auxiliary, reference_points=fixed if moved else None)
     return imported._replace(measurements=back, auxiliary=beside), notes, moved
 
 
@@ -112,7 +116,18 @@ def _motion(
             f"{'before the first' if last < instants.min() else 'after the last'} row: they do not "
             "say how the instrument moved; check the two clocks"
         )
+    places = np.nanmean(clean.points, axis=0)
+    apart = np.linalg.norm(places[:, None] - places, axis=-1).max()
+    if 0 < apart < _APART:
+        raise InputError(
+            f"the reference points lie within {millimetres(apart)} of each other; check their unit"
+        )
     motion = instrument_motion(clean, noise)
+    if motion.noise > _USELESS * noise:
+        raise InputError(
+            f"the readings of the reference points scatter by {millimetres(motion.noise)}, so they "
+            "do not say how the instrument moved; check that every point keeps its columns"
+        )
     if not motion.found:
         span = float((np.nanmax(clean.points, axis=0) - np.nanmin(clean.points, axis=0)).max())
         return (
@@ -130,8 +145,8 @@ def _motion(
         else ""
     )
     return (
-        f"the reference points move by up to {shift * 1e3:.3g} mm and {turn * 1e3:.3g} mrad "
+        f"the reference points move by up to {millimetres(shift)} and {turn * 1e3:.3g} mrad "
         f"against the instrument ({readings} readings, noise {motion.noise * 1e3:.2g} mm): rows "
-        f"are brought back into the frame of the first reading, by up to {size * 1e3:.3g} mm "
+        f"are brought back into the frame of the first reading, by up to {millimetres(size)} "
         f"± {motion.deviation(seen) * 1e3:.2g} mm at the points{ends}{omitted}"
     ), motion
