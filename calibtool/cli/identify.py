@@ -189,7 +189,8 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
     rows = parameter_rows(calibration.base)
-    shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
+    ordered = sorted(rows, key=lambda row: (row.at_prior, -abs(row.value) / row.std))
+    shown = rows if every else ordered[:_CLEAREST]
     header = ["parameter", "value", "±", "tolerance", "unit", "determined", ""]
     table = [
         [

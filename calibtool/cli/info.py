@@ -50,8 +50,13 @@ def info(
 
 
 def _clearest(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Parameters for people: the largest first, in multiples of their standard deviations."""
-    ordered = sorted(rows, key=lambda row: -abs(row["value"]) / row["std"] if row["std"] else 0.0)
+    """Parameters for people: the largest first, in multiples of their standard deviations; those
+    that are not determined last."""
+
+    def order(row: dict[str, Any]) -> tuple[bool, float]:
+        return row["at_prior"], -abs(row["value"]) / row["std"] if row["std"] else 0.0
+
+    ordered = sorted(rows, key=order)
     return [{k: v for k, v in row.items() if k not in ("id", "at_prior")} for row in ordered]
 
 

@@ -23,8 +23,9 @@ def with_fine_structure(
     """The fit with the harmonics beyond the low orders, and the functions of pairs of joints, that
     its residuals need; the fit itself where they need none.
 
-    The first are searched for with only the sections that are probable without them, so that
-    undetermined parameters do not hide them.
+    every: the fit of all that was offered; probable: which of its parameters (p,) are probably
+    there. Harmonics are searched for with only these, so that undetermined parameters do not hide
+    them. pairs: whether functions of pairs are offered.
     """
     fit = smaller(every, probable, fit_of)
     for highest in SOUGHT:
