@@ -4,6 +4,7 @@ close.
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -232,6 +233,32 @@ def test_an_evaluation_has_all_rows_in_numbers() -> None:
     nominal, complete = value["methods"]
     assert complete["position_mm"]["max"] < 0.1 * nominal["position_mm"]["max"]
     assert complete["reduction_percent"]["position_mean"] > 95
+
+
+@pytest.mark.parametrize("name", ["fivebar", "hexapod"])
+def test_a_correction_at_which_the_actual_robot_does_not_close_counts_as_none(
+    name: str, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """The arm cannot be driven there: no row is missing, and none is without a number."""
+    import calibtool.evaluation.compare as module
+
+    later = usual(name)
+    assert later.truth is not None
+    actual, robot = later.truth.actual, later.robot
+    drawn = rng.uniform(robot.lower, robot.upper, (500, robot.n))
+    driven = later.q.copy()
+    driven[:3] = drawn[~actual.mechanism.closes(drawn)][:3]
+    monkeypatch.setattr(
+        module,
+        "guarded",
+        lambda *_, **__: SimpleNamespace(q=driven, status=np.full(len(driven), "ok")),
+    )
+    found = evaluate([("nominal again", identify(later, "nominal"))], later)
+    nominal, result = found.results
+    assert result.marked == 3
+    assert result.errors.position.shape == nominal.errors.position.shape
+    np.testing.assert_array_equal(result.errors.position, nominal.errors.position)
+    assert np.isfinite(nominal.errors.position).all()
 
 
 # --- loads ---

@@ -161,8 +161,8 @@ def _leader(
         ring.append(mimics[ring[-1]][0])
     if ring[-1] in mimics:
         raise InputError(
-            f"{place}: joints {', '.join(map(repr, ring))} mimic each other: take <mimic> from the one "
-            "that has a motor"
+            f"{place}: joints {', '.join(map(repr, ring))} mimic each other: take <mimic> from "
+            "the one that has a motor"
         )
     return names.index(leader, 1)
 
