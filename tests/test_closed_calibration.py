@@ -310,7 +310,7 @@ def test_every_kind_of_error_can_be_drawn_and_identified() -> None:
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
 
-    robot = load_robot("delta")
+    robot = load_robot("prs3")
     measurements = measured(
         robot, scales=ErrorScales(ERROR_KINDS), payload_kg=(0.0, 5.0), temperature_c=(20.0, 30.0)
     )
