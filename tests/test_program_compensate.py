@@ -264,12 +264,13 @@ def test_the_summary() -> None:
     result = compensate_program(calibrations("fanuc-m1000ia")[1], data, "weld.ls", program_format)
     lines = result.summary("weld.ls")
     assert re.fullmatch(
-        r"weld\.ls: 4 of 5 targets changed, at most \d\.\d{3} mm and 0\.\d{4} deg; 4 left alone",
+        r"weld\.ls: 4 of 5 targets changed, at most \d\.\d{3} mm and 0\.\d{4} deg; "
+        "4 positions or motions not corrected",
         lines[0],
     )
-    assert "weld.ls: left alone: a relative motion (INC in line 12): line 30 (P[3])" in lines
+    assert "weld.ls: not corrected: a relative motion (INC in line 12): line 30 (P[3])" in lines
     assert (
-        "weld.ls: left alone: frame '3' is not known; give it with --frames, [frames.3]: "
+        "weld.ls: not corrected: frame '3' is not known; give it with --frames, [frames.3]: "
         "line 45 (P[5])" in lines
     )
     assert "weld.ls: note: line 13: P[4] is corrected without its offset" in lines
@@ -279,7 +280,8 @@ def test_a_summary_of_many_lines_is_short() -> None:
     text = "def a():\n" + "  movej(q)\n" * 50
     result = compensate_program(calibrations("ur5")[1], text.encode(), "a", "ur-script")
     (_, line) = result.summary("a")
-    assert line.startswith("a: left alone: a variable that no file gives a value: lines 2, 3, 4, ")
+    why = "a variable that no file gives a value"
+    assert line.startswith(f"a: not corrected: {why}: lines 2, 3, 4, ")
     assert line.endswith(" and 30 more")
 
 

@@ -3,6 +3,7 @@ its quadratic model."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -66,10 +67,30 @@ class Fit:
         gain = np.linalg.solve(covariance[np.ix_(dropped, dropped)], covariance[dropped]).T
         return -gain @ self.theta[dropped], covariance - gain @ covariance[dropped]
 
-    def reduced(self, smaller: Parameters) -> State:
-        """The most probable state without the parameters that `smaller` does not have."""
-        step, _ = self.conditional(self.parameters.missing_in(smaller))
-        return self.state.moved(self.parameters, step).kept(smaller)
+    def reduced(self, parameters: Parameters) -> State:
+        """The most probable state with these of the fit's parameters alone."""
+        step, _ = self.conditional(self.parameters.missing_in(parameters))
+        return self.state.moved(self.parameters, step).kept(parameters)
+
+
+class FitOf(Protocol):
+    """A fit of some parameters to the measurements, from a state and, where there is one, another
+    fit."""
+
+    def __call__(
+        self,
+        parameters: Parameters,
+        state: State,
+        start: Fit | None,
+        converged: float,
+        prior_std: Array | None = None,
+    ) -> Fit: ...
+
+
+def smaller(fit: Fit, kept: np.ndarray, fit_of: FitOf) -> Fit:
+    """The converged fit of the parameters that are kept (p,)."""
+    parameters = fit.parameters.only(kept)
+    return fit_of(parameters, fit.reduced(parameters), fit, CONVERGED)
 
 
 def fit(

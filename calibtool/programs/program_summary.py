@@ -6,6 +6,7 @@ from itertools import groupby
 
 from calibtool.programs.numbers import Remark
 from calibtool.tables import format_table
+from calibtool.units import count_of
 
 _LISTED = 20  # number of lines named for one reason
 _COLUMNS = ("file", "line", "name", "kind", "fate", "why")
@@ -70,9 +71,13 @@ class CompensatedProgram:
             if self.changed
             else ""
         )
-        alone = f"; {len(self.left_alone)} left alone" if self.left_alone else ""
+        alone = ""
+        if self.left_alone:
+            count = count_of(len(self.left_alone), "position or motion", "positions or motions")
+            alone = f"; {count} not corrected"
         lines = [f"{name}: {self.changed} of {self.targets} targets changed{most}{alone}"]
-        for what, remarks in (("left alone", self.left_alone), ("changed, check it", self.remarks)):
+        kinds = (("not corrected", self.left_alone), ("changed, check it", self.remarks))
+        for what, remarks in kinds:
             ordered = sorted(remarks, key=lambda remark: (remark.source, remark.why, remark.line))
             for (source, why), group in groupby(
                 ordered, key=lambda remark: (remark.source, remark.why)
