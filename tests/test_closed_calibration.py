@@ -3,6 +3,8 @@ close.
 """
 
 from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,6 +32,17 @@ def measured(robot: Robot, seed: int = 1, **options: object) -> Measurements:
     return simulate(robot, replace(basis, **options))
 
 
+@cache
+def usual(name: str) -> Measurements:
+    """The measurements that several tests share."""
+    return measured(load_robot(name))
+
+
+@cache
+def identified(name: str) -> Calibration:
+    return identify(usual(name))
+
+
 def fresh(measurements: Measurements) -> Measurements:
     return measured(measurements.robot, same_robot=measurements.truth)
 
@@ -53,11 +66,11 @@ def task_errors(robot: Robot, pose: Array, commanded: Array) -> Array:
 
 
 def test_a_calibration_removes_nearly_all_of_the_task_error(closed: Robot) -> None:
-    measurements = measured(closed)
+    measurements = usual(closed.name)
     later = fresh(measurements)
     assert later.truth is not None
     commanded = closed.mechanism.forward(later.q)
-    result = compensate_joints(identify(measurements), later.q)
+    result = compensate_joints(identified(closed.name), later.q)
     before, after = (
         np.linalg.norm(task_errors(closed, later.truth.actual.forward(q), commanded), axis=-1)
         for q in (later.q, result.q)
@@ -69,10 +82,10 @@ def test_the_covariance_covers_what_is_left_of_the_poses(closed: Robot) -> None:
     """Predicted poses are off by as much as the posterior says: within a factor of two, rms."""
     from calibtool.calibration.uncertainty import predicted_uncertainty
 
-    measurements = measured(closed)
+    measurements = usual(closed.name)
     later = fresh(measurements)
     assert later.truth is not None
-    calibration = identify(measurements)
+    calibration = identified(closed.name)
     off = np.linalg.norm(
         (calibration.forward(later.q) - later.truth.actual.forward(later.q))[:, :3, 3], axis=-1
     )
@@ -82,7 +95,7 @@ def test_the_covariance_covers_what_is_left_of_the_poses(closed: Robot) -> None:
 
 @pytest.mark.parametrize("name", ["delta", "palletizer"])
 def test_local_poe_fits_to_the_noise(name: str) -> None:
-    measurements = measured(load_robot(name))
+    measurements = usual(name)
     calibration = identify(measurements, "local-poe")
     assert calibration.base.residual_rms[0] < 0.2e-3
     assert identify(measurements, "nominal").base.residual_rms[0] > 0.5e-3
@@ -95,7 +108,7 @@ def test_an_unregistered_set_up_is_registered(closed: Robot) -> None:
 
 
 def test_passive_joints_have_no_offsets_twists_or_functions(closed: Robot) -> None:
-    errors = identify(measured(closed)).errors
+    errors = identified(closed.name).errors
     for family in ("offsets", "twists", "harmonics", "gravity", "backlash"):
         assert len(errors[family]) == closed.n
     assert len(errors["placements"]) == len(closed.chain.placements)
@@ -106,7 +119,7 @@ def test_passive_joints_have_no_offsets_twists_or_functions(closed: Robot) -> No
 
 def test_with_a_perfect_model_nothing_stays_in_the_task_components(closed: Robot) -> None:
     """Less than 1e-6 mm, also where no joint can correct the rest (docs/closed-loops.md)."""
-    measurements = measured(closed)
+    measurements = usual(closed.name)
     calibration = knowing(measurements)
     assert measurements.truth is not None
     result = compensate_joints(calibration, measurements.q)
@@ -118,7 +131,7 @@ def test_with_a_perfect_model_nothing_stays_in_the_task_components(closed: Robot
 
 
 def test_poses_are_commanded_as_well_as_joints(closed: Robot) -> None:
-    measurements = measured(closed)
+    measurements = usual(closed.name)
     calibration = knowing(measurements)
     q = measurements.q[:8]
     by_joints = compensate_joints(calibration, q)
@@ -222,6 +235,32 @@ def test_an_evaluation_has_all_rows_in_numbers() -> None:
     assert complete["reduction_percent"]["position_mean"] > 95
 
 
+@pytest.mark.parametrize("name", ["fivebar", "hexapod"])
+def test_a_correction_at_which_the_actual_robot_does_not_close_counts_as_none(
+    name: str, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """The arm cannot be driven there: no row is missing, and none is without a number."""
+    import calibtool.evaluation.compare as module
+
+    later = usual(name)
+    assert later.truth is not None
+    actual, robot = later.truth.actual, later.robot
+    drawn = rng.uniform(robot.lower, robot.upper, (500, robot.n))
+    driven = later.q.copy()
+    driven[:3] = drawn[~actual.mechanism.closes(drawn)][:3]
+    monkeypatch.setattr(
+        module,
+        "guarded",
+        lambda *_, **__: SimpleNamespace(q=driven, status=np.full(len(driven), "ok")),
+    )
+    found = evaluate([("nominal again", identify(later, "nominal"))], later)
+    nominal, result = found.results
+    assert result.marked == 3
+    assert result.errors.position.shape == nominal.errors.position.shape
+    np.testing.assert_array_equal(result.errors.position, nominal.errors.position)
+    assert np.isfinite(nominal.errors.position).all()
+
+
 # --- loads ---
 
 
@@ -271,7 +310,7 @@ def test_every_kind_of_error_can_be_drawn_and_identified() -> None:
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
 
-    robot = load_robot("delta")
+    robot = load_robot("prs3")
     measurements = measured(
         robot, scales=ErrorScales(ERROR_KINDS), payload_kg=(0.0, 5.0), temperature_c=(20.0, 30.0)
     )

@@ -11,6 +11,7 @@ from closed_texts import changed, joint, robot_of, written
 from calibtool.errors import InputError
 from calibtool.evaluation.robot_check import check_robot
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.plausibility import implausible
 
 LOOP, BALL = 'joint = "planar"', 'joint = "spherical"'
 R1 = (
@@ -138,6 +139,68 @@ def test_a_joint_that_mimics_itself_is_refused() -> None:
     )
     with pytest.raises(InputError, match="joint 'b' mimics itself"):
         robot_of(urdf, "")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "third"), [("c", "b", "a"), ("b", "a", "a"), ("b", "c", "a")]
+)
+def test_joints_that_mimic_each_other_are_refused(first: str, second: str, third: str) -> None:
+    def follows(name: str) -> str:
+        return f'<mimic joint="{name}"/>'
+
+    urdf = (
+        joint("a", "base", "one", more=follows(first))
+        + joint("b", "one", "two", "0.4 0 0", more=follows(second))
+        + joint("c", "two", "three", "0.4 0 0", more=follows(third))
+        + joint("f", "three", "tool", "0.3 0 0", "fixed")
+    )
+    with pytest.raises(InputError, match="mimic each other: take <mimic> from") as caught:
+        robot_of(urdf, "")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_tool_that_no_joint_moves_is_refused() -> None:
+    tool = '<parent link="dist1"/><child link="tool0"/>'
+    with pytest.raises(InputError, match="mine: no joint moves the tool frame 'tool0'; name a"):
+        changed("fivebar", (tool, tool.replace("dist1", "base")))
+
+
+def test_limits_of_passive_joints_in_the_wrong_order_are_reported() -> None:
+    robot = changed("fivebar", ('lower="-3.1" upper="3.1"', 'lower="3.1" upper="-3.1"'))
+    assert any("the passive joint 'p1', 'p2' is above" in each for each in implausible(robot))
+    assert not any("passive" in each for each in implausible(load_robot("fivebar")))
+
+
+def test_a_characteristic_length_in_mm_is_reported() -> None:
+    robot = changed("fivebar", ("length = 0.46", "length = 460"))
+    assert implausible(robot)[0] == "kinematics.length = 460 looks like mm: it is in m"
+
+
+# --- one motor ---
+
+
+def test_a_crank_is_closed_from_few_starts_over_its_whole_range() -> None:
+    """A slider-crank: x = r cos q + √(l² − r² sin² q)."""
+    urdf = (
+        joint("q", "base", "crank")
+        + joint("p", "crank", "rod", "0.1 0 0")
+        + joint("w", "rod", "tool", "0.3 0 0")
+        + joint("s", "base", "slide", kind="prismatic", axis="1 0 0")
+    )
+    q0 = 1.2
+    low = float(np.arcsin(0.1 * np.sin(q0) / 0.3))
+    x = float(0.1 * np.cos(q0) + 0.3 * np.cos(low))
+    loops = '[{ frames = ["slide", "tool"], joint = "planar" }]'
+    robot = robot_of(
+        urdf,
+        f'actuated = ["q"]\nloops = {loops}\n'
+        f"closed_at = {{ q = {q0}, p = {-q0 - low}, s = {x} }}\nlocked_joints = {{ w = 0.0 }}",
+    )
+    q = np.linspace(-2.9, 2.9, 200)
+    along = 0.1 * np.cos(q) + np.sqrt(0.09 - 0.01 * np.sin(q) ** 2)
+    pose = robot.mechanism.forward(q[:, None])
+    np.testing.assert_allclose(pose[:, 0, 3], along, rtol=0, atol=1e-12)
+    assert len(robot.mechanism.starts().theta) <= 64
 
 
 # --- what is wrong ---

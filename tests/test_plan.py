@@ -5,9 +5,10 @@ import pytest
 
 from calibtool.calibration import identify
 from calibtool.joint_and_pose_columns import joints_from_header
+from calibtool.measurement.checks.design import REPEATS
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.planning.constraints import Constraints, inside
+from calibtool.planning.constraints import Constraints, distinct, inside
 from calibtool.planning.information import Knowledge
 from calibtool.planning.joint_table import as_written, joint_table
 from calibtool.planning.plan import Plan, make_plan
@@ -114,3 +115,17 @@ def test_the_prediction_holds(fanuc: Robot) -> None:
 def test_the_same_seed_gives_the_same_plan() -> None:
     robot = load_robot("scara")
     assert planned(robot, 3).table == planned(robot, 3).table
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+def test_a_dense_draw_is_not_one_configuration(joints: int, rng: np.random.Generator) -> None:
+    """Rows that are kept are apart, and every other one is near an earlier row that is kept."""
+    q = rng.uniform(0.0, 0.03, (400, joints))
+    kept = distinct(q)
+    apart = np.linalg.norm(q[:, None] - q[None, kept], axis=-1)
+    assert len(kept) > 10
+    assert (apart[kept] + np.eye(len(kept)) > REPEATS).all()
+    near = np.where(kept < np.arange(len(q))[:, None], apart, np.inf).min(axis=1)
+    dropped = np.setdiff1d(np.arange(len(q)), kept)
+    assert len(dropped)
+    assert (near[dropped] <= REPEATS).all()

@@ -264,9 +264,12 @@ def _compensated(
     outside: OutsidePolicy,
 ) -> tuple[MethodErrors, MethodErrors, int]:
     """The whole errors, those from the nearest reachable poses, and the number of doubtful
-    corrections."""
+    corrections.
+
+    A correction at which the loops of the actual robot do not close counts as none.
+    """
     robot, q = measurements.robot, measurements.q
-    marked = 0
+    doubtful = np.zeros(len(q), dtype=bool)
     if calibration is None:
         driven, setup = q, measurements.setup
     else:
@@ -275,11 +278,16 @@ def _compensated(
         for conditions, rows in measurements.conditions.alike(len(q)):
             result = guarded(calibration, q[rows], None, method, outside, conditions=conditions)
             driven[rows] = result.q
-            marked += int(np.isin(result.status, DOUBTFUL).sum())
+            doubtful[rows] = np.isin(result.status, DOUBTFUL)
         driven = driven + calibration.base.errors["backlash"] * truth.actual.directions(driven)
+    actual = truth.actual.forward(driven, measurements.conditions)
+    stuck = np.isnan(actual[:, 0, 0])  # the loops do not close: the arm cannot be driven there
+    if stuck.any():
+        driven = np.where(stuck[:, None], q, driven)
+        actual = truth.actual.forward(driven, measurements.conditions)
+    marked = int((doubtful | stuck).sum())
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
-        actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an
@@ -315,6 +323,7 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
         nominal = identify(measurements, "nominal")
         knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
         nearest = knowing.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
+        nearest = np.where(np.isnan(nearest), commanded, nearest)  # loops that do not close
         return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
         actual.forward_and_jacobian,
@@ -331,6 +340,7 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
     beyond = ~solved.reached
     nearest = commanded.copy()
     nearest[beyond] = actual.forward(solved.q[beyond])
+    nearest = np.where(np.isnan(nearest), commanded, nearest)
     return nearest, _pose_errors("uncorrectable", nearest[beyond], commanded[beyond])
 
 

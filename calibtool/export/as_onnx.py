@@ -30,8 +30,7 @@ def calibration_as_onnx(
     """
     check_words(joint_values, precision)
     robot, loops = calibration.robot, calibration.robot.chain.tree is not None
-    network = layers(_taught(calibration) if loops else calibration.network)
-    if network is None:
+    if calibration.network is None and not loops:
         raise InputError(
             "the calibration has no network, and ONNX holds nothing else; export it "
             "as json, c or st"
@@ -45,6 +44,8 @@ def calibration_as_onnx(
             "'calibtool[onnx]'"
         ) from None
 
+    network = layers(_taught(calibration) if loops else calibration.network)
+    assert network is not None
     kind, dtype = (
         (TensorProto.DOUBLE, np.float64)
         if precision == "double"

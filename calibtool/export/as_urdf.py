@@ -32,6 +32,7 @@ def calibration_as_urdf(
     where the tool frame is no link of the URDF.
     """
     robot = calibration.robot
+    _calibrated_tree(robot, RobotErrors.of(robot), comments)  # refuses before the long fit
     geometry = urdf_geometry(calibration)
     root, tool = _calibrated_tree(robot, geometry, comments)
     missing = list(not_held(calibration, geometry))

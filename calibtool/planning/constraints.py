@@ -6,10 +6,11 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.checks.design import repeated_groups
+from calibtool.measurement.checks.design import REPEATS
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.instrument_rows import InstrumentRows, Rows
 from calibtool.robot.robot import Robot
@@ -187,9 +188,16 @@ def wrapped(robot: Robot, q: Array, margin: float, home: Array) -> Array:
 
 
 def distinct(q: Array) -> np.ndarray:
-    """Rows (k,) of q (N, n) without those that repeat an earlier one."""
-    kept: np.ndarray = np.sort(np.unique(repeated_groups(q), return_index=True)[1])
-    return kept
+    """Rows (k,) of q (N, n) without those within REPEATS of an earlier one of them.
+
+    Rows in a chain of near ones are not all alike: with one joint, a dense draw is one chain.
+    """
+    pairs = cKDTree(q).query_pairs(REPEATS, output_type="ndarray")
+    kept = np.ones(len(q), dtype=bool)
+    for first, second in pairs[np.lexsort(pairs.T[::-1])]:  # by the first row, then the second
+        if kept[first]:
+            kept[second] = False
+    return np.flatnonzero(kept)
 
 
 def _again(q: Array, accepted: Sequence[Rows]) -> np.ndarray:

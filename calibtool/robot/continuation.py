@@ -22,6 +22,7 @@ _MANY = 7
 _LONGEST = 0.5  # rad, or lengths: the equations are not linear over longer steps
 _DIFFERENCE = 1e-4  # rad, or lengths: step of the numerical derivatives
 _CELLS = 4096  # largest number of starts
+_ALONG = 64  # largest number along a joint: with one motor they are reached one after another
 # Larger corrections of a prediction (rad, or lengths) end in another assembly mode.
 _JUMP = 0.25
 _OF_WAY = 0.5  # of the way: larger corrections of a prediction also end in another assembly mode
@@ -183,7 +184,7 @@ class Starts:
     def of(cls, equations: Equations, tree: Tree) -> Self:
         """The starts of a mechanism that closes at `Tree.closed_at` (J,)."""
         n = tree.n
-        shape = (max(1, int(_CELLS ** (1.0 / n) + 1e-9)),) * n
+        shape = (max(1, min(_ALONG, int(_CELLS ** (1.0 / n) + 1e-9))),) * n
         low, width = tree.lower[:n], (tree.upper[:n] - tree.lower[:n]) / np.array(shape)
         every = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=-1)
         centres = low + (every + 0.5) * width

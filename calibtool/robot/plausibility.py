@@ -25,6 +25,7 @@ def implausible(robot: Robot) -> list[str]:
     """One line per finding, with joint and remedy; none for a usual robot."""
     return [
         *_limits(robot),
+        *_passive_limits(robot),
         *_lengths(robot),
         *_angles(robot),
         *_locked(robot),
@@ -64,15 +65,32 @@ def _limits(robot: Robot) -> list[str]:
     return found
 
 
+def _passive_limits(robot: Robot) -> list[str]:
+    if robot.chain.tree is None:
+        return []
+    joints = urdf_tree(robot.source.urdf_text, robot.source.place).named
+    passive = robot.chain.bodies.joints[robot.n :]
+    swapped = [f"'{name}'" for name in passive if joints[name].lower > joints[name].upper]
+    if not swapped:
+        return []
+    return [
+        f"the lower limit of the passive joint {', '.join(swapped[:3])} is above the upper one: it "
+        "moves without limits; correct the URDF"
+    ]
+
+
 def _lengths(robot: Robot) -> list[str]:
     found = []
     base, *links = np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).tolist()
     strokes = (robot.upper - robot.lower)[robot.prismatic]
     longest = max([*links, *strokes.tolist()])
+    given = robot.source.description.kinematics.length
     if longest > _LONGEST:
         found.append(
             f"the lengths look like mm: a link or slide of {longest:.6g} m; a URDF has them in m"
         )
+    elif (given or 0.0) > _FARTHEST_REACH:
+        found.append(f"kinematics.length = {given:g} looks like mm: it is in m")
     elif sum(links) > _FARTHEST_REACH:
         found.append(
             f"the lengths look like mm, cm or inches: the links are {sum(links):.4g} m long "
@@ -83,7 +101,7 @@ def _lengths(robot: Robot) -> list[str]:
             f"joint 1 stands {base:.6g} m from the base frame: digits of every pose are lost; "
             "name a base_frame near the arm"
         )
-    if robot.n > 1 and sum(links) + strokes.sum() < _SHORTEST:
+    if robot.n > 1 and 0 < sum(links) + strokes.sum() < _SHORTEST:  # 0: all axes meet in a point
         found.append(
             f"the links are {(sum(links) + strokes.sum()) * 1e3:.3g} mm long together: check the "
             "unit of the lengths, m in a URDF"

@@ -36,6 +36,11 @@ def read_tree(source: Source) -> TreeReading:
     names = [joint_name(model, j) for j in range(model.njoints)]
     tool = model.frames[frame_id(model, kinematics.tool_frame, place)]
     base = base_placement(model, kinematics.base_frame, place)
+    if tool.parentJoint == 0:
+        raise InputError(
+            f"{place}: no joint moves the tool frame '{kinematics.tool_frame}'; name a frame on a "
+            "moving link as kinematics.tool_frame"
+        )
     pairs = [_cut_frames(model, k, loop, place) for k, loop in enumerate(kinematics.loops)]
     ends = [tool, *(frame for pair in pairs for frame in pair)]
     mimics = mimic_joints(source.urdf_text, place)
@@ -48,7 +53,7 @@ def read_tree(source: Source) -> TreeReading:
         used.add(joint)
         waiting.append(model.parents[joint])
         if names[joint] in mimics:
-            waiting.append(_leader(names, names[joint], mimics[names[joint]][0], place))
+            waiting.append(_leader(names, names[joint], mimics, place))
     if beside := [names[j] for j in range(1, model.njoints) if j not in used]:
         raise InputError(
             f"{place}: joints {', '.join(beside)} move neither the tool nor a frame of a loop; "
@@ -139,7 +144,11 @@ def _check_different(loops: list[LoopTable], names: list[str], place: str) -> No
             )
 
 
-def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
+def _leader(
+    names: list[str], joint: str, mimics: dict[str, tuple[str, float, float]], place: str
+) -> int:
+    """The id of the joint that `joint` mimics, which must not follow `joint` itself."""
+    leader = mimics[joint][0]
     if leader not in names[1:]:
         raise InputError(
             f"{place}: joint '{joint}' mimics '{leader}', which is locked or not in the URDF; lock "
@@ -147,6 +156,14 @@ def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
         )
     if leader == joint:
         raise InputError(f"{place}: joint '{joint}' mimics itself")
+    ring = [joint]
+    while ring[-1] in mimics and mimics[ring[-1]][0] not in ring:
+        ring.append(mimics[ring[-1]][0])
+    if ring[-1] in mimics:
+        raise InputError(
+            f"{place}: joints {', '.join(map(repr, ring))} mimic each other: take <mimic> from "
+            "the one that has a motor"
+        )
     return names.index(leader, 1)
 
 
