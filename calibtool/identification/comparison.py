@@ -25,8 +25,9 @@ _CLEARLY = 0.8  # of the others' squares: less needs no second fit
 _HARDLY = 3.0  # coordinates per parameter of local POE: with less one row can throw it far off
 _FEW = 3.0  # coordinates per determined parameter: the formula is too hopeful
 _MANY = 20.0  # per parameter: the formula is exact enough
-# With a tenth of few rows left out, the others still determine as much as all of them
-_FOLDS = 10
+# Folds of the rows, and of so few rows that without a fifth they would determine clearly less
+_FOLDS, _FOLDS_OF_FEW = 5, 10
+_FEW_ROWS = 30
 _ENOUGH = 10  # rows after which folds may end, where the complete model …
 _FAR_AHEAD, _BEYOND_DOUBT = 0.5, 3.0  # … leaves so much of the squares, by so many standard errors
 _JUDGED = 300  # rows that show the residuals of the simple models
@@ -170,7 +171,8 @@ def _folds(rows: Measurements) -> Iterator[tuple[Measurements, Measurements]]:
     order = np.random.default_rng(0).permutation(len(rows))
     if rows.place is not None:  # every place in every fold
         order = order[np.argsort(rows.place[order], kind="stable")]
-    for part in (order[k::_FOLDS] for k in range(min(_FOLDS, len(rows)))):
+    folds = min(_FOLDS_OF_FEW if len(rows) <= _FEW_ROWS else _FOLDS, len(rows))
+    for part in (order[k::folds] for k in range(folds)):
         yield rows.rows(part), rows.rows(np.setdiff1d(order, part))
 
 
