@@ -79,7 +79,7 @@ def test_what_was_asked_for_is_what_comes() -> None:
 def test_unknown_set_ups_are_registered_again_for_it() -> None:
     """The set-up of the result is the best fit of the nominal robot, whatever the order of rows."""
     shipped = 0
-    for seed in range(5):
+    for seed in range(3):
         rows = measured("ur5", seed, 12, 0.5e-3, 0.005e-3, unregistered=True)
         plain = identify(rows, "nominal").base.residual_rms[0]
         for order in (np.arange(12), np.arange(11, -1, -1)):
@@ -87,7 +87,7 @@ def test_unknown_set_ups_are_registered_again_for_it() -> None:
             if default.model == "nominal":
                 shipped += 1
                 assert default.residual_rms[0] == pytest.approx(plain, rel=1e-3)
-    assert shipped >= 5
+    assert shipped >= 3
 
 
 def test_the_comparison_stays_in_the_file() -> None:
