@@ -83,16 +83,16 @@ def best_model(
         return complete
     formula = expected if coordinates > _MANY * fitted.parameters.count else None
     squares = _held_out(rows, rivals, again, formula)
-    if not np.isfinite(squares["complete"]).all():
-        return complete  # too few rows to leave some out
+    finite = {name: values for name, values in squares.items() if np.isfinite(values).all()}
     best = "complete"
-    if "geometry" in squares and not _better(squares[best], squares["geometry"], _MORE):
+    if "geometry" in finite and not _better(squares[best], squares["geometry"], _MORE):
         best = "geometry"
+    if best not in finite:
+        return complete  # too few rows to leave some out
     if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best], _SURELY):
         best = "local-poe"
     if "nominal" in squares and not _better(squares[best], squares["nominal"], 0.0):
         best = "nominal"
-    finite = {name: values for name, values in squares.items() if np.isfinite(values).all()}
     held_out = {name: float(np.sqrt(values.mean())) for name, values in finite.items()}
     shipped = complete if best == "complete" else rivals[best](rows)
     return replace(shipped, held_out=held_out, flagged=complete.flagged)
