@@ -14,6 +14,7 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.identification.equations import row_squares
 from calibtool.identification.fitting import Fit
+from calibtool.identification.held_out import better
 from calibtool.identification.identification import Identification, nominal_model
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.measurement.measurements import Measurements
@@ -40,8 +41,8 @@ _SURELY, _MORE = 1.0, 0.5
 _HIDDEN = 2.0
 _WORSE = 1.04  # of the squares: less is no reason to give up the posterior
 _BAD = 0.05  # part of the rows: more are not bad, but the complete model does not fit
-# times the mean square of a model: one row of a fold that is fitted badly counts for no more
-_TYPICAL = 2.0
+# Times the mean square of the other model: a row of a fold that is fitted badly counts for no more
+_MOST = 2.0
 
 Model = Callable[[Measurements], Identification]
 
@@ -71,30 +72,36 @@ def best_model(
     freedom = max(1.0 - fitted.effective / coordinates, 1.0 / coordinates)
     expected = float(fitted.row_squares[fitting].sum()) / coordinates / freedom**2
     rivals: dict[str, Model] = {"nominal": registered, "local-poe": identify_local_poe}
-    if coordinates < _HARDLY * _local_poe_rank(rows):
+    local_poe, alone = _settled(identify_local_poe, rows), None
+    if local_poe is None or coordinates < _HARDLY * local_poe.rank:
         del rivals["local-poe"]
     if coordinates > _FEW * fitted.effective:
         few = rows.rows(np.unique(np.linspace(0, len(rows) - 1, _JUDGED).astype(int)))
         simple = {name: float(_squares_after(fit, few, few).mean()) for name, fit in rivals.items()}
         rivals = {name: rivals[name] for name in rivals if expected > _CLEARLY * simple[name]}
-    elif coordinates < _HIDDEN * _effective(geometry, rows):
-        rivals["geometry"] = geometry
+    else:
+        alone = _settled(geometry, rows)
+        if alone is not None and coordinates < _HIDDEN * _effective(alone):
+            rivals["geometry"] = geometry
     if not rivals:
         return complete
     formula = expected if coordinates > _MANY * fitted.parameters.count else None
     squares = _held_out(rows, rivals, again, formula)
     finite = {name: values for name, values in squares.items() if np.isfinite(values).all()}
     best = "complete"
-    if "geometry" in finite and not _better(squares[best], squares["geometry"], _MORE):
+    if "geometry" in finite and not better(squares[best], squares["geometry"], _MORE, _MOST):
         best = "geometry"
     if best not in finite:
         return complete  # too few rows to leave some out
-    if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best], _SURELY):
+    if "local-poe" in squares and better(
+        _WORSE * squares["local-poe"], squares[best], _SURELY, _MOST
+    ):
         best = "local-poe"
-    if "nominal" in squares and not _better(squares[best], squares["nominal"], 0.0):
+    if "nominal" in squares and not better(squares[best], squares["nominal"], 0.0, _MOST):
         best = "nominal"
     held_out = {name: float(np.sqrt(values.mean())) for name, values in finite.items()}
-    shipped = complete if best == "complete" else rivals[best](rows)
+    fits = {"complete": complete, "geometry": alone, "local-poe": local_poe}
+    shipped = fits.get(best) or rivals[best](rows)
     return replace(shipped, held_out=held_out, flagged=complete.flagged)
 
 
@@ -113,33 +120,27 @@ def registered(measurements: Measurements) -> Identification:
     return nominal_model(replace(measurements, setup=setup))
 
 
-def _effective(geometry: Model, rows: Measurements) -> float:
-    """Number of parameters that these rows determine of geometry alone; 0 where it fails."""
-    try:
-        posterior = geometry(rows).posterior
-    except NoSolutionError:
-        posterior = None
+def _effective(identification: Identification) -> float:
+    """Number of parameters that the rows determine."""
+    posterior = identification.posterior
     return 0.0 if posterior is None else posterior.effective
 
 
-def _local_poe_rank(rows: Measurements) -> float:
-    """Number of parameters that local POE determines from these rows; infinite where it fails."""
+def _settled(fit: Model, rows: Measurements) -> Identification | None:
+    """A fit to the rows; None where they are too few for it."""
     try:
-        return identify_local_poe(rows).rank
+        return fit(rows) if len(rows) else None
     except NoSolutionError:
-        return float("inf")
+        return None
 
 
 def _squares_after(fit: Model, rows: Measurements, judged: Measurements) -> Array:
     """Mean square (M,) of the coordinates of every judged row over the stated noise, after a fit
     to the rows; infinite where they are too few for it."""
-    try:
-        state = fit(rows).state if len(rows) else None
-    except NoSolutionError:
-        state = None
-    if state is None:
+    found = _settled(fit, rows)
+    if found is None:
         return np.full(len(judged), np.inf)
-    return np.asarray(row_squares(judged, state) / np.maximum(_coordinates(judged), 1))
+    return np.asarray(row_squares(judged, found.state) / np.maximum(_coordinates(judged), 1))
 
 
 def _held_out(
@@ -159,7 +160,7 @@ def _held_out(
         found["complete"].append(own)
         squares = {name: np.concatenate(values) for name, values in found.items()}
         if len(squares["complete"]) >= _ENOUGH and all(
-            _better(squares["complete"], _FAR_AHEAD * squares[name], _BEYOND_DOUBT)
+            better(squares["complete"], _FAR_AHEAD * squares[name], _BEYOND_DOUBT, _MOST)
             for name in rivals
         ):
             break
@@ -174,16 +175,6 @@ def _folds(rows: Measurements) -> Iterator[tuple[Measurements, Measurements]]:
     folds = min(_FOLDS_OF_FEW if len(rows) <= _FEW_ROWS else _FOLDS, len(rows))
     for part in (order[k::folds] for k in range(folds)):
         yield rows.rows(part), rows.rows(np.setdiff1d(order, part))
-
-
-def _better(squares: Array, than: Array, errors: float) -> bool:
-    """Whether squares (N,) of rows are less than others by more than some standard errors."""
-    if not np.isfinite(squares).all():
-        return False
-    than = np.minimum(than, 1e300 / len(than))
-    most = _TYPICAL * than.mean()
-    gain = np.minimum(than, most) - np.minimum(squares, most)
-    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
 
 
 def _coordinates(measurements: Measurements) -> np.ndarray:

@@ -95,3 +95,16 @@ def typical(squares: Array, reference: Array) -> float:
     """Mean of squared residuals (M,) in which no row counts for more than a few times the mean of
     the reference."""
     return float(np.minimum(squares, TYPICAL * reference.mean()).mean())
+
+
+def better(squares: Array, than: Array, errors: float, most: float = TYPICAL) -> bool:
+    """Whether squared residuals (M,) of held-out rows are less than others (M,) by more than some
+    standard errors. No row counts for more than `most` times the mean of the others; what is not
+    finite is not better.
+    """
+    if not np.isfinite(squares).all():
+        return False
+    than = np.minimum(than, 1e300 / len(than))
+    limit = most * than.mean()
+    gain = np.minimum(than, limit) - np.minimum(squares, limit)
+    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))

@@ -11,10 +11,9 @@ from calibtool.identification.evidence import log_density_ratio
 from calibtool.identification.fine_structure import WORTHWHILE
 from calibtool.identification.fine_structure_fit import SOUGHT
 from calibtool.identification.fitting import Fit
-from calibtool.identification.held_out import TYPICAL, HeldOut, typical
+from calibtool.identification.held_out import HeldOut, better, typical
 from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.se3 import Array
 
 _CLEARLY, _AT_ALL = 1.0, 0.5  # standard errors by which held-out rows are predicted better
 # Nats: with more, a family is there, and held-out rows are not compared
@@ -62,19 +61,19 @@ def useful(
     if len(of_pairs):
         trial = np.union1d(dropped, of_pairs)
         without = held_out.squares(trial)
-        if not _better(now, without, _CLEARLY):
+        if not better(now, without, _CLEARLY):
             dropped, now = trial, without
     for section in fine:
         trial = np.union1d(dropped, section)
         without = held_out.squares(trial)
         worthwhile = typical(now, without) < WORTHWHILE * typical(without, without)
-        if not (worthwhile and _better(now, without, _CLEARLY)):
+        if not (worthwhile and better(now, without, _CLEARLY)):
             dropped, now = trial, without
             break
     for _, section in sorted(doubtful, key=lambda pair: pair[0]):
         trial = np.union1d(dropped, section)
         without = held_out.squares(trial)
-        if len(trial) > len(dropped) and not _better(now, without, _AT_ALL):
+        if len(trial) > len(dropped) and not better(now, without, _AT_ALL):
             dropped, now = trial, without
     result = np.ones(fit.parameters.count, dtype=bool)
     result[dropped] = False
@@ -91,11 +90,3 @@ def fine_structure_of(parameters: Parameters) -> list[np.ndarray]:
             beyond = [start + np.flatnonzero(order > h) for h in (LOW_ORDERS, *SOUGHT[:-1])]
             return [index for index in beyond if len(index)]
     return []
-
-
-def _better(squares: Array, than: Array, errors: float) -> bool:
-    """Whether squared residuals (M,) of held-out rows are smaller than others by more than some
-    standard errors."""
-    most = TYPICAL * than.mean()
-    gain = np.minimum(than, most) - np.minimum(squares, most)
-    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
